@@ -1,0 +1,175 @@
+"""Every exception, each saying what happened, to whom, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+class BusError(Exception):
+    """The base of everything this package raises on purpose."""
+
+
+# The port
+
+
+class PortError(BusError):
+    """A port could not be opened, or was lost. The message says what to do."""
+
+
+class PortNotFound(PortError):
+    """There is no such port."""
+
+
+class PortPermissionDenied(PortError):
+    """The port exists, but this user may not open it."""
+
+
+class PortBusy(PortError):
+    """Somebody else holds the port."""
+
+
+# Using the bus wrongly: nothing was sent
+
+
+class AddressInUse(BusError):
+    """A second facade was made for an address that has one."""
+
+
+class BroadcastConflict(BusError):
+    """A broadcast would be acted on by a family it was not meant for."""
+
+
+class LimitExceeded(BusError, ValueError):
+    """A value lies outside what the axis, its limits or its register can hold. Nothing was sent."""
+
+
+class NotSupported(BusError):
+    """The drive cannot do this. The message says what to do instead."""
+
+
+class WatchdogInfeasible(BusError):
+    """The devices cannot all be fed in time on this line. Nothing was armed.
+
+    `numbers` holds what was added up, in seconds.
+    """
+
+    def __init__(self, message: str, numbers: Mapping[str, float]) -> None:
+        super().__init__(message)
+        self.numbers = dict(numbers)
+
+
+class WrongThread(BusError, RuntimeError):
+    """The bus was called from another thread than the one its event loop runs in."""
+
+
+# What became of a request
+
+
+class RequestFailed(BusError):
+    """A request did not end in a reply.
+
+    `address` is the unit asked, `request` the frame (empty if none was made), `attempts` how often it was sent.
+    `records` holds the latest transactions on the bus where they help to find out what happened.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        address: int = 0,
+        request: bytes = b"",
+        attempts: int = 0,
+        records: Sequence[Any] = (),
+    ) -> None:
+        super().__init__(message)
+        self.address = address
+        self.request = request
+        self.attempts = attempts
+        self.records = tuple(records)
+
+
+class DeviceRefused(RequestFailed):
+    """The device said no. It was not done.
+
+    `code` is the Modbus exception code, or None where the family refuses in a normal reply.
+    """
+
+    def __init__(self, message: str, *, code: int | None = None, **details: Any) -> None:
+        super().__init__(message, **details)
+        self.code = code
+
+
+class NotSent(RequestFailed):
+    """The request never reached the wire: cancelled, flushed, expired, or the bus was closed. Nothing was done."""
+
+
+class QueueFull(NotSent):
+    """Too many requests wait already."""
+
+
+class DeviceOffline(NotSent):
+    """The device has stopped answering; the bus looks for it by itself."""
+
+
+class EmergencyStopped(NotSent):
+    """The bus is latched by an emergency stop."""
+
+
+class BusClosed(NotSent):
+    """The bus was closed."""
+
+
+class NoReply(RequestFailed):
+    """It was sent and nothing fitting came back. It may be repeated safely."""
+
+
+class OutcomeUnknown(RequestFailed):
+    """It was sent, nothing fitting came back, and it must not be repeated blindly. Read back what the device did."""
+
+
+# What became of a motion
+
+
+class MotionError(BusError):
+    """A motion did not end as it was asked to."""
+
+
+class MoveCancelled(MotionError):
+    """The move was cancelled: by `cancel()`, by a stop, or because one before it failed."""
+
+
+class MoveTimeout(MotionError):
+    """The move took longer than twice what it should, plus a second. The axis was stopped."""
+
+
+class MoveFailed(MotionError):
+    """The motor stands, but not where it should. The message says what the drive reports."""
+
+
+class MotorStalled(MoveFailed):
+    """The drive reports that the shaft was blocked."""
+
+
+class DriveFault(MoveFailed):
+    """The drive reports an error of its own."""
+
+
+class HomingFailed(MoveFailed):
+    """Homing ended without finding the origin."""
+
+
+class ReferenceLost(MotionError):
+    """The position changed in a way that cannot be explained (a restart, say). Home the axis or set its zero."""
+
+
+class NotEnabled(MotionError):
+    """The motor is not energised: `enable()` the axis first. Nothing was sent."""
+
+
+class RearmRequired(MotionError):
+    """The axis was stopped for safety and moves only after `enable()`."""
+
+
+class StopUnconfirmed(MotionError):
+    """The axis was told to stop and could not be seen standing. Use the hard-wired emergency stop."""

@@ -1,0 +1,69 @@
+"""How long a move takes with a family's ramps, and which speed a wanted time needs. Pure.
+
+A move accelerates at a constant rate, runs at its speed, and slows down at a constant rate; a short one never reaches
+its speed. Distances are turns, speeds rpm, rates rpm/s; a rate of infinity is a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+_MINUTE = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """One move.
+
+    Args:
+        turns: how far, 0 or more.
+        rpm: its speed, above 0.
+        up: the rate at which it gets faster, above 0.
+        down: the rate at which it gets slower, above 0; None for the same.
+    """
+
+    turns: float
+    rpm: float
+    up: float = math.inf
+    down: float | None = None
+
+    @property
+    def peak(self) -> float:
+        """The highest speed it reaches, in rpm."""
+        ramps = self._ramp_turns(self.rpm)
+        return self.rpm if ramps <= self.turns else self.rpm * math.sqrt(self.turns / ramps)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to standing."""
+        if self.turns == 0:
+            return 0.0
+        peak = self.peak
+        cruise = max(0.0, self.turns - self._ramp_turns(peak))
+        return peak / self.up + peak / self._down + _MINUTE * cruise / peak
+
+    @property
+    def _down(self) -> float:
+        return self.up if self.down is None else self.down
+
+    def _ramp_turns(self, rpm: float) -> float:
+        return rpm * rpm * (1 / self.up + 1 / self._down) / (2 * _MINUTE)
+
+
+def rpm_for(turns: float, seconds: float, up: float, down: float | None = None) -> float | None:
+    """The speed at which a move takes just so long; None if the ramps are too slow for that.
+
+    Args:
+        turns: how far, above 0.
+        seconds: how long, above 0.
+        up: the rate at which it gets faster, in rpm/s.
+        down: the rate at which it gets slower; None for the same.
+    """
+    # turns = rpm / 60 * (seconds - rpm * ramps / 2): of the two speeds that solve it the slower one has a cruise.
+    ramps = 1 / up + 1 / (up if down is None else down)
+    needed = _MINUTE * turns
+    if ramps == 0:
+        return needed / seconds
+    root = seconds * seconds - 2 * ramps * needed
+    return None if root < 0 else (seconds - math.sqrt(root)) / ramps

@@ -1,0 +1,210 @@
+"""Requests, and what their replies must look like.
+
+The bytes come from pymodbus' PDU classes and its CRC. What a standard master cannot say, and MKS drives need, is a
+parameter here: a payload that is not two bytes a register (`write_bytes`), and a refusal inside a normal reply
+(`refusal=`).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from pymodbus.framer import FramerRTU
+from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    WriteMultipleRegistersRequest,
+    WriteSingleRegisterRequest,
+)
+
+BROADCAST = 0
+MAX_ADDRESS = 247
+MAX_FRAME = 256
+"""The longest frame on the pair, address and CRC included (Modbus over Serial Line V1.02, 2.5.1)."""
+EXCEPTION_LENGTH = 5
+
+READ_HOLDING, READ_INPUT, WRITE_SINGLE, WRITE_MULTIPLE = 3, 4, 6, 16
+_READS = frozenset({1, 2, READ_HOLDING, READ_INPUT, 7, 11, 12, 17, 20, 24, 43})
+
+Sizer = Callable[[bytes], int]
+"""Tells the length of a reply from its first bytes; 0 while that cannot be told yet."""
+
+
+def crc(data: bytes) -> bytes:
+    """The CRC of `data` in the order of the wire."""
+    return FramerRTU.compute_CRC(data).to_bytes(2, "big")
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One frame to send, and which frames may answer it.
+
+    A normal reply starts with `prefix` and is `length` bytes long in all; `length` 0 means that nobody answers
+    (a broadcast) or, with a `sizer`, that only the reply itself tells. `refusal` is how the same device says no
+    inside a normal reply, if it does. `writes` is False for frames that change nothing in the device.
+    """
+
+    address: int
+    function: int
+    adu: bytes
+    prefix: bytes
+    length: int
+    writes: bool
+    refusal: bytes | None = None
+    sizer: Sizer | None = None
+
+    def __str__(self) -> str:
+        to = "everyone" if self.address == BROADCAST else f"unit {self.address}"
+        return f"function {self.function} to {to} ({self.adu.hex(' ').upper()})"
+
+    @property
+    def register(self) -> int:
+        """The first register named, for functions that name one."""
+        return int.from_bytes(self.adu[2:4], "big")
+
+    def may_answer(self, other: Request) -> bool:
+        """Whether a reply to this request could be taken for the normal reply to `other`."""
+        return _alike(self.prefix, other.prefix) or (self.refusal is not None and _alike(self.refusal, other.prefix))
+
+    def may_refuse(self, other: Request) -> bool:
+        """Whether a reply to this request could be taken for a refusal of `other` inside a normal reply."""
+        if other.refusal is None:
+            return False
+        return _alike(self.prefix, other.refusal) or (self.refusal is not None and _alike(self.refusal, other.refusal))
+
+
+def _alike(a: bytes, b: bytes) -> bool:
+    return a.startswith(b) or b.startswith(a)
+
+
+def payload(reply: bytes) -> bytes:
+    """The data bytes of a reply to a register read (functions 3 and 4)."""
+    return reply[3:-2]
+
+
+def registers(reply: bytes) -> list[int]:
+    """The registers in a reply to a register read (functions 3 and 4)."""
+    return list(struct.unpack_from(f">{reply[2] // 2}H", reply, 3))
+
+
+@lru_cache(maxsize=1024)
+def read_holding(address: int, register: int, count: int) -> Request:
+    """Read `count` (1..125) holding registers, function 03."""
+    return _read(ReadHoldingRegistersRequest, address, register, count)
+
+
+@lru_cache(maxsize=1024)
+def read_input(address: int, register: int, count: int) -> Request:
+    """Read `count` (1..125) input registers, function 04."""
+    return _read(ReadInputRegistersRequest, address, register, count)
+
+
+def write_single(address: int, register: int, value: int, *, hidden_refusal: bool = False) -> Request:
+    """Write one register, function 06.
+
+    Args:
+        address: 1..247, or 0 for everyone.
+        register: 0..65535.
+        value: 0..65535.
+        hidden_refusal: the device says no by echoing 0xFFFF as the value (MKS RTU V1.0.9, 2.4).
+    """
+    _check_window(address, register, 1, allow_broadcast=True)
+    _check_value(value)
+    adu = _encode(address, WriteSingleRegisterRequest(address=register, registers=[value]))
+    refusal = adu[:4] + b"\xff\xff" if hidden_refusal else None
+    return _write(address, WRITE_SINGLE, adu, adu[:6], refusal)
+
+
+def write_multiple(address: int, register: int, values: Sequence[int], *, hidden_refusal: bool = False) -> Request:
+    """Write 1..123 registers, function 16. Arguments as for `write_single`."""
+    if not 1 <= len(values) <= 123:
+        raise ValueError(f"{len(values)} registers in one write; 1..123 fit a frame")
+    for value in values:
+        _check_value(value)
+    pdu = WriteMultipleRegistersRequest(address=register, registers=list(values))
+    return _write_block(address, register, pdu, hidden_refusal)
+
+
+def write_bytes(address: int, register: int, count: int, data: bytes, *, hidden_refusal: bool = False) -> Request:
+    """Write `data` as `count` registers, function 16, also where the bytes are not twice the registers.
+
+    MKS' homing parameters are three registers in five bytes (MKS RTU V1.0.9, 5.3.2).
+    """
+    if not 1 <= len(data) <= 246:
+        raise ValueError(f"{len(data)} data bytes in one write; 1..246 fit a frame")
+    return _write_block(address, register, _WriteBytes(register, count, data), hidden_refusal)
+
+
+def from_pdu(address: int, pdu: ModbusPDU, reply: type[ModbusPDU]) -> Request:
+    """Any request of pymodbus, answered by PDUs of the class `reply`."""
+    _check_address(address, allow_broadcast=True)
+    adu = _encode(address, pdu)
+    fixed: int = reply.rtu_frame_size
+    length = 0 if address == BROADCAST else fixed
+    return Request(
+        address=address,
+        function=pdu.function_code,
+        adu=adu,
+        prefix=adu[:2],
+        length=length,
+        writes=pdu.function_code not in _READS,
+        sizer=None if address == BROADCAST or fixed else reply.calculateRtuFrameSize,
+    )
+
+
+class _WriteBytes(WriteMultipleRegistersRequest):
+    """A write of registers whose bytes are given as they are."""
+
+    def __init__(self, register: int, count: int, data: bytes) -> None:
+        super().__init__(address=register, count=count)
+        self._data = data
+
+    def encode(self) -> bytes:
+        return struct.pack(">HHB", self.address, self.count, len(self._data)) + self._data
+
+
+def _read(pdu: type[ModbusPDU], address: int, register: int, count: int) -> Request:
+    if not 1 <= count <= 125:
+        raise ValueError(f"count {count} is outside 1..125 registers a read")
+    _check_window(address, register, count, allow_broadcast=False)
+    function: int = pdu.function_code
+    adu = _encode(address, pdu(address=register, count=count))
+    prefix = bytes((address, function, 2 * count))
+    return Request(address, function, adu, prefix, 5 + 2 * count, writes=False)
+
+
+def _write_block(address: int, register: int, pdu: ModbusPDU, hidden_refusal: bool) -> Request:
+    _check_window(address, register, pdu.count, allow_broadcast=True)
+    adu = _encode(address, pdu)
+    return _write(address, WRITE_MULTIPLE, adu, adu[:6], adu[:4] + b"\0\0" if hidden_refusal else None)
+
+
+def _write(address: int, function: int, adu: bytes, echo: bytes, refusal: bytes | None) -> Request:
+    length = 0 if address == BROADCAST else 8
+    return Request(address, function, adu, echo, length, writes=True, refusal=refusal)
+
+
+def _encode(address: int, pdu: ModbusPDU) -> bytes:
+    head = bytes((address, pdu.function_code)) + pdu.encode()
+    return head + crc(head)
+
+
+def _check_address(address: int, *, allow_broadcast: bool) -> None:
+    lowest = BROADCAST if allow_broadcast else 1
+    if not lowest <= address <= MAX_ADDRESS:
+        raise ValueError(f"address {address} is outside {lowest}..{MAX_ADDRESS}")
+
+
+def _check_window(address: int, register: int, count: int, *, allow_broadcast: bool) -> None:
+    _check_address(address, allow_broadcast=allow_broadcast)
+    if not 0 <= register <= 0xFFFF or register + count > 0x10000:
+        raise ValueError(f"registers {register}..{register + count - 1} are outside 0..65535")
+
+
+def _check_value(value: int) -> None:
+    if not 0 <= value <= 0xFFFF:
+        raise ValueError(f"register value {value} is outside 0..65535")

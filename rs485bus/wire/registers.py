@@ -1,0 +1,162 @@
+"""Typed registers: a name, an address, a type, a unit, a range, a repeat rule. Tables of them are plain data."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Generic, Literal, TypeVar, cast
+
+from rs485bus.errors import LimitExceeded
+
+T = TypeVar("T")
+
+
+class Repeat(enum.Enum):
+    """What may be done when a command was sent and no reply came."""
+
+    SAFE = "safe"
+    """It may be sent again: reads, parameter writes, stops."""
+    VERIFY = "verify"
+    """It may be sent again once a read-back has told that it did not happen."""
+    NEVER = "never"
+    """It is not sent again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """How a whole number lies in bytes, high byte first."""
+
+    name: str
+    size: int
+    signed: bool
+
+    @property
+    def low(self) -> int:
+        return -(1 << (8 * self.size - 1)) if self.signed else 0
+
+    @property
+    def high(self) -> int:
+        return (1 << (8 * self.size - self.signed)) - 1
+
+    def encode(self, value: int) -> bytes:
+        return value.to_bytes(self.size, "big", signed=self.signed)
+
+    def decode(self, data: bytes) -> int:
+        return int.from_bytes(data[: self.size], "big", signed=self.signed)
+
+
+U8: Final = Number("uint8", 1, signed=False)
+I8: Final = Number("int8", 1, signed=True)
+U16: Final = Number("uint16", 2, signed=False)
+I16: Final = Number("int16", 2, signed=True)
+U32: Final = Number("uint32", 4, signed=False)
+I32: Final = Number("int32", 4, signed=True)
+I48: Final = Number("int48", 6, signed=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Field(Generic[T]):
+    """One value in a register or a block of them.
+
+    `low` and `high` bound what may be written, in the value's own unit; the number's range holds where they are
+    None. `step` is the value of one count, in that unit. `into` makes the typed value: an enum, `bool`, or nothing.
+    """
+
+    name: str
+    number: Number
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    step: float = 1
+    into: Callable[[int], T] | None = None
+
+    def encode(self, value: T) -> bytes:
+        """The bytes of `value`.
+
+        Raises:
+            LimitExceeded: it is outside the range, or none of the values that may be chosen.
+        """
+        return self.number.encode(self.raw(value))
+
+    def decode(self, data: bytes) -> T:
+        """The value in the first bytes of `data`. A value the table does not name raises `ValueError`."""
+        raw = self.number.decode(data)
+        if self.into is not None:
+            return self.into(raw)
+        return cast(T, raw if self.step == 1 else raw * self.step)
+
+    def raw(self, value: T) -> int:
+        """The whole number that stands for `value`, checked against the range."""
+        number = cast(float, value)
+        if isinstance(self.into, enum.EnumType):
+            self._check_choice(number)
+        low = self.number.low * self.step if self.low is None else self.low
+        high = self.number.high * self.step if self.high is None else self.high
+        if not low <= number <= high:
+            unit = f" {self.unit}" if self.unit else ""
+            raise LimitExceeded(f"{self.name} {value}{unit} is outside {low:.12g}..{high:.12g}{unit}")
+        raw = round(number / self.step)
+        if self.step == 1 and raw != number:
+            raise LimitExceeded(f"{self.name} {value} is not a whole number")
+        return raw
+
+    def _check_choice(self, value: float) -> None:
+        into = cast(Any, self.into)
+        if issubclass(into, enum.Flag):
+            return
+        try:
+            into(value)
+        except ValueError:
+            choices = ", ".join(f"{member.name} ({member.value})" for member in into)
+            raise LimitExceeded(f"{self.name} {value!r} is none of {choices}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Register(Field[T]):
+    """One value at a register address."""
+
+    address: int = 0
+    access: Literal["r", "w", "rw"] = "rw"
+    repeat: Repeat = Repeat.SAFE
+    default: T | None = None
+
+    @property
+    def count(self) -> int:
+        """How many registers it takes."""
+        return (self.number.size + 1) // 2
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Several values written or read together under one address.
+
+    `count` is the number of registers named in the frame, which some drives do not take as half the bytes.
+    """
+
+    name: str
+    address: int
+    fields: tuple[Field[Any], ...]
+    count: int
+    repeat: Repeat = Repeat.SAFE
+
+    def encode(self, *values: Any) -> bytes:
+        """The bytes of `values`, in the order of the fields.
+
+        Raises:
+            LimitExceeded: one is out of its range.
+        """
+        return b"".join(field.encode(value) for field, value in zip(self.fields, values, strict=True))
+
+    def decode(self, data: bytes) -> tuple[Any, ...]:
+        """The typed values in `data`, in the order of the fields."""
+        values, at = [], 0
+        for field in self.fields:
+            values.append(field.decode(data[at:]))
+            at += field.number.size
+        return tuple(values)
+
+    @property
+    def size(self) -> int:
+        """How many bytes it takes."""
+        return sum(field.number.size for field in self.fields)

@@ -1,0 +1,1 @@
+"""The bus: one owner holds the wire, everything else asks it."""

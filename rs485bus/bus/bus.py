@@ -1,0 +1,388 @@
+"""What the user holds: the owner, its transport and its alarm, under one event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Callable, Coroutine
+from typing import Any, Protocol, TypeVar
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.failure import failure
+from rs485bus.bus.guarding import EmergencyReport, emergency_stop, shut_down
+from rs485bus.bus.handle import Handle, outlast, settle
+from rs485bus.bus.job import Job, Outcome, Urgency
+from rs485bus.bus.motion import Motion
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.record import BusStats, Record
+from rs485bus.bus.stopping import Halted, Procedure
+from rs485bus.bus.unit import Broadcast, Unit
+from rs485bus.bus.watch import Watchdog
+from rs485bus.errors import AddressInUse, BusError, PortError, WrongThread
+from rs485bus.transport.interface import Transport
+from rs485bus.wire.frames import Request
+from rs485bus.wire.registers import Repeat
+
+T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
+
+
+class Member(Protocol):
+    """A facade on the bus, as closing sees it."""
+
+    attached: Attached
+
+    async def drain(self) -> None:
+        """Wait until nothing is queued or moving."""
+
+    def abandon(self, why: str) -> None:
+        """End everything that is queued."""
+
+
+class Bus:
+    """One RS-485 pair. Made by `open_bus`.
+
+    All calls belong to the event loop's thread. From another one: `loop.call_soon_threadsafe(axis.stop)`, or
+    `asyncio.run_coroutine_threadsafe(coroutine, loop)`.
+    """
+
+    def __init__(self, transport: Transport, config: BusConfig) -> None:
+        self.config = config
+        self._transport = transport
+        self._loop = asyncio.get_running_loop()
+        self._thread = threading.get_ident()
+        self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
+        self._alarm = transport.alarm(self._pump)
+        self._pumping = False
+        self._again = False
+        self._units: dict[int, Unit] = {}
+        self._members: list[Member] = []
+        self._unseen: list[Handle[Any]] = []
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._closing: asyncio.Task[None] | None = None
+        self._emergency: Handle[EmergencyReport] | None = None
+        self._opened_at = self._loop.time()
+        self.broadcast = Broadcast(self)
+
+    # What one does with it
+
+    def unit(self, address: int) -> Unit:
+        """Plain Modbus to the device at `address` (1..247)."""
+        unit = self._units.get(address)
+        if unit is None:
+            unit = self._units[address] = Unit(self, address)
+        return unit
+
+    def watchdog(self, *axes: Member, timeout: float, lease: float | None = None) -> Watchdog:
+        """Arm the watchdogs of some axes, and feed them while a block runs.
+
+        Args:
+            axes: what to guard; all that share a device are guarded with it.
+            timeout: seconds without a frame after which the device stops its motor by itself.
+            lease: seconds within which `renew()` must be called each time, lest the axes are stopped.
+
+        Returns:
+            An async context manager. Entering it raises `WatchdogInfeasible` if the devices cannot be fed in time.
+        """
+        self._check_thread()
+        return Watchdog(self, [axis.attached for axis in axes], [axis.drain for axis in axes], timeout, lease)
+
+    def emergency_stop(self) -> Handle[EmergencyReport]:
+        """Stop every device as fast as it can, and let nothing move until `clear_emergency_stop()`.
+
+        It happens at once, from any task or signal handler, whether the handle is awaited or not. The report says
+        which devices were read to stand.
+        """
+        self._check_thread()
+        handle: Handle[EmergencyReport] = Handle("emergency stop")
+        self._emergency = handle
+        _log.warning("emergency stop")
+        for member in self._members:
+            member.abandon("an emergency stop was made")
+        self.start(emergency_stop(self._owner), handle.finish)
+        return handle
+
+    def clear_emergency_stop(self) -> None:
+        """Allow motion again, once the report of the emergency stop is there. Each axis then needs `enable()`.
+
+        Raises:
+            BusError: the report is not there yet.
+        """
+        self._check_thread()
+        if self._emergency is not None and not self._emergency.done():
+            raise BusError("The emergency stop is still being confirmed: await its handle, then clear it.")
+        self._owner.gate.latched = False
+
+    @property
+    def latched(self) -> bool:
+        """Whether an emergency stop holds."""
+        return self._owner.gate.latched
+
+    @property
+    def stats(self) -> BusStats:
+        """What happened on the bus since it was opened. Counts go on; copy what you want to keep."""
+        stats = self._owner.journal.stats
+        stats.airtime = self._owner.pair.airtime
+        stats.elapsed = self._loop.time() - self._opened_at
+        stats.echo = self._owner.pair.exchange.echo
+        return stats
+
+    @property
+    def flight(self) -> list[Record]:
+        """The flight recorder: the latest 256 transactions, the oldest first."""
+        return list(self._owner.journal.flight)
+
+    def subscribe(self, observer: Callable[[Record], None]) -> Callable[[], None]:
+        """Have `observer` called with the record of each transaction. Returns a function that ends that.
+
+        It is called on the event loop, between two frames: it must be quick.
+        """
+        return self._owner.journal.subscribe(observer)
+
+    async def drain(self) -> None:
+        """Wait until no axis has anything queued or moving."""
+        for member in self._members:
+            await member.drain()
+
+    async def aclose(self, *, leave_running: bool | None = None) -> None:
+        """Stop every axis that may move, see it stand, release the watchdogs, close the port. In any task.
+
+        It is bounded by `close_timeout`, and not to be cancelled: a cancellation is raised when it is done.
+
+        Args:
+            leave_running: leave motors turning; None for what the configuration says.
+        """
+        if self._closing is None:
+            leave = self.config.leave_running if leave_running is None else leave_running
+            self._closing = self._loop.create_task(self._close(leave), name="rs485bus closing")
+        cancelled = await outlast(self._closing)
+        if cancelled is not None:
+            raise cancelled
+        self._closing.result()
+
+    # What facades need
+
+    @property
+    def devices(self) -> list[Attached]:
+        """The devices attached."""
+        return [station.attached for station in self._owner.stations if station.attached is not None]
+
+    @property
+    def owner(self) -> Owner:
+        """The machine inside."""
+        return self._owner
+
+    def now(self) -> float:
+        """The time on the bus' clock, in seconds: the event loop's."""
+        return self._loop.time()
+
+    def attach(self, member: Member) -> None:
+        """A facade takes its address.
+
+        Raises:
+            AddressInUse: there is one already.
+        """
+        self._check_thread()
+        attached = member.attached
+        station = self._owner.stations[attached.address]
+        if station.attached is not None:
+            raise AddressInUse(
+                f"Address {attached.address} has a facade already ({station.attached.family}). "
+                "Use that one in all places; two would not know of each other's moves."
+            )
+        station.attach(attached)
+        self._members.append(member)
+
+    def submit(self, job: Job) -> None:
+        """Put a job into the queue; it goes out at once if the wire is free."""
+        self._check_thread()
+        self._owner.submit(job, self._loop.time())
+        self._pump()
+
+    async def ask(
+        self,
+        request: Request,
+        *,
+        urgency: Urgency = Urgency.COMMAND,
+        repeat: Repeat = Repeat.SAFE,
+        timeout: float | None = None,
+        moves: bool = False,
+        motion: Motion | None = None,
+        reply_timeout: float | None = None,
+    ) -> bytes:
+        """Send a request; return the frame that answers it. Raises as described at `Unit`."""
+        if motion is None and moves:
+            attached = self._owner.stations[request.address].attached
+            motion = None if attached is None else attached.motion
+        ended = self._loop.create_future()
+        job = Job(
+            request,
+            urgency=urgency,
+            repeat=repeat,
+            moves=moves,
+            motion=motion,
+            reply_timeout=reply_timeout,
+            expires_at=None if timeout is None else self._loop.time() + timeout,
+            on_end=lambda _: settle(ended, None),
+        )
+        self.submit(job)
+        if job.outcome is None:
+            try:
+                await ended
+            except asyncio.CancelledError:
+                self._owner.cancel(job, self._loop.time())
+                raise
+        if job.outcome is Outcome.REPLY:
+            return job.reply
+        raise failure(job, self.flight)
+
+    def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
+        """Have the owner carry out a procedure that nothing can cancel."""
+        self._owner.now = self._loop.time()
+        self._owner.start(procedure, done)
+        self._pump()
+
+    def halt(
+        self,
+        attached: Attached,
+        motion: Motion,
+        *,
+        emergency: bool = False,
+        frames: tuple[Request, ...] | None = None,
+        told: Callable[[Halted], None],
+    ) -> None:
+        """Stop a device, or the part of it named, until it is seen standing."""
+        self._check_thread()
+        self._owner.now = self._loop.time()
+        halt = self._owner.halt(self._owner.stations[attached.address], motion, emergency=emergency, frames=frames)
+        halt.listen(told)
+        self._pump()
+
+    def spawn(self, coroutine: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
+        """A task of the bus' own, outside of any task group."""
+        task = self._loop.create_task(coroutine, name=name)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    def after(self, seconds: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
+        """Call back after so many seconds."""
+        return self._loop.call_later(seconds, callback)
+
+    def unseen(self, handle: Handle[Any]) -> None:
+        """A command failed and nobody waited for it."""
+        _log.error("%s failed: %s", handle.what, handle.error)
+        self._unseen.append(handle)
+
+    def failures(self) -> list[Exception]:
+        """The failures that nobody has seen."""
+        return [handle.error for handle in self._unseen if not handle.seen and handle.error is not None]
+
+    # The transport
+
+    def received(self, data: bytes) -> None:
+        """Bytes came in. For the transport."""
+        self._owner.feed(data, self._loop.time())
+        self._pump()
+
+    def lost(self, error: Exception | None) -> None:
+        """The port is gone. For the transport."""
+        _log.warning("%s was lost%s; trying to open it again", self._transport.name, f": {error}" if error else "")
+        self._owner.unplugged(self._loop.time())
+        self._pump()
+        if self._closing is None:
+            self.spawn(self._reopen(), "rs485bus reopening")
+
+    async def open(self) -> None:
+        """Open the transport. For `open_bus`."""
+        try:
+            await self._transport.open(self)
+        except BaseException:
+            self._alarm.close()
+            raise
+        self.spawn(self._keep(), "rs485bus keeper")
+        self._pump()
+
+    async def _reopen(self) -> None:
+        pause = self.config.reopen_min
+        while True:
+            await asyncio.sleep(pause)
+            try:
+                await self._transport.open(self)
+            except PortError as error:
+                _log.debug("%s", error)
+                pause = min(2 * pause, self.config.reopen_max)
+            else:
+                break
+        _log.warning("%s is open again", self._transport.name)
+        self._owner.plugged(self._loop.time())
+        self._pump()
+
+    async def _keep(self) -> None:
+        """Stand by for the end of the event loop: a bus that was not closed by then stops its motors first."""
+        try:
+            await self._loop.create_future()
+        finally:
+            if self._closing is None:
+                await self.aclose()
+
+    async def _close(self, leave_running: bool) -> None:
+        for member in self._members:
+            member.abandon("the bus was closed")
+        stopped = self._loop.create_future()
+        deadline = self._loop.call_later(self.config.close_timeout, self._give_up, stopped)
+        self.start(shut_down(self._owner, leave_running), lambda halted: settle(stopped, halted))
+        await outlast(stopped)
+        deadline.cancel()
+        for halted in stopped.result():
+            if not halted.standing:
+                _log.critical("%s %d was NOT CONFIRMED STANDING when the bus was closed", halted.family, halted.address)
+        self._owner.close(self._loop.time())
+        self._alarm.close()
+        for task in tuple(self._tasks):
+            if task is not asyncio.current_task():
+                task.cancel()
+        await outlast(self._loop.create_task(self._transport.close()))
+
+    def _give_up(self, stopped: asyncio.Future[list[Halted]]) -> None:
+        moving = [device for device in self.devices if device.motion.may_move]
+        settle(stopped, [Halted(device.address, device.family, False, 0) for device in moving])
+
+    def _pump(self) -> None:
+        """Let the owner do what is due, send what it wants to send, and set the alarm."""
+        if self._pumping:
+            self._again = True  # asked for from within: the loop below comes round again
+            return
+        self._pumping = True
+        owner, transport, loop = self._owner, self._transport, self._loop
+        try:
+            while True:
+                self._again = False
+                now = loop.time()
+                if owner.pair.job is not None and now >= owner.pair.deadline and transport.unsent:
+                    # What could not be sent in its time must not arrive later.
+                    transport.abort()
+                frame = owner.tick(now, self._alarm.lead)
+                if frame is not None:
+                    while loop.time() < owner.send_at:
+                        pass  # less than the alarm's lead
+                    transport.write(frame)
+                elif not self._again:
+                    break
+            self._alarm.set(owner.wake)
+        except BaseException:
+            # A second Ctrl-C, say, in the middle of this: what stops motors must go on.
+            loop.call_soon(self._pump)
+            raise
+        finally:
+            self._pumping = False
+
+    def _check_thread(self) -> None:
+        if threading.get_ident() != self._thread:
+            raise WrongThread(
+                "The bus was called from another thread than its event loop's. Use "
+                "loop.call_soon_threadsafe(axis.stop) or asyncio.run_coroutine_threadsafe(coroutine, loop)."
+            )

@@ -1,0 +1,61 @@
+"""How a bus behaves. Validated once, when made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusConfig:
+    """Settings of one bus; all times are seconds.
+
+    Raises:
+        ValueError: a setting out of its range.
+    """
+
+    reply_timeout: float = 0.1
+    """How long a device may take before its answer begins, after the request has left the wire. 0.001..10."""
+    retries: int = 2
+    """How often an unanswered request that may be repeated is sent again. 0..10."""
+    turnaround: float = 0.1
+    """Silence after a broadcast. 0..2."""
+    late_reply_window: float = 0.5
+    """How long after the end of its reply budget an unanswered request may still be answered. 0.05..10."""
+    offline_after: int = 3
+    """Unanswered requests in a row after which a device is taken for offline. 1..100."""
+    max_queued: int = 20_000
+    """Requests that may wait at once. 1..1,000,000."""
+    echo: Literal["auto"] | bool = "auto"
+    """Whether the adapter returns what is sent. "auto" finds out with the first frame, which is a read."""
+    close_timeout: float = 5.0
+    """How long closing may take to see every axis standing. 0.1..60."""
+    leave_running: bool = False
+    """Leave motors turning when the bus is closed without an error."""
+    reopen_min: float = 0.1
+    """First pause before a lost port is opened again."""
+    reopen_max: float = 5.0
+    """Longest pause before a lost port is opened again."""
+    tcp_gap: float = 0.005
+    """Silence kept between frames where a gateway does the framing (RTU over TCP). 0..1."""
+    rs485_direction: bool = False
+    """Let the kernel switch the direction by RTS (TIOCSRS485), for ports wired so."""
+
+    def __post_init__(self) -> None:
+        _within("reply_timeout", self.reply_timeout, 0.001, 10)
+        _within("retries", self.retries, 0, 10)
+        _within("turnaround", self.turnaround, 0, 2)
+        _within("late_reply_window", self.late_reply_window, 0.05, 10)
+        _within("offline_after", self.offline_after, 1, 100)
+        _within("max_queued", self.max_queued, 1, 1_000_000)
+        _within("close_timeout", self.close_timeout, 0.1, 60)
+        _within("reopen_min", self.reopen_min, 0.01, self.reopen_max)
+        _within("reopen_max", self.reopen_max, self.reopen_min, 60)
+        _within("tcp_gap", self.tcp_gap, 0, 1)
+        if self.echo not in ("auto", True, False):
+            raise ValueError(f"echo {self.echo!r} is none of 'auto', True, False")
+
+
+def _within(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ValueError(f"{name} {value} is outside {low:g}..{high:g}")

@@ -1,0 +1,167 @@
+"""Which watchdog is due when, and whether the set can be fed at all. Pure.
+
+A device has been heard since the *sending* of the last frame it acknowledged: when exactly it saw the frame is not
+known, but not earlier than that. It is due when it would have been unheard for a third of its time, and earlier where
+several would be due at once, since the pair carries only one feed at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rs485bus.errors import WatchdogInfeasible
+
+SHARE = 1 / 3
+"""The part of a watchdog's time after which its device is due."""
+_SOON = float("-inf")
+_MUTED = float("inf")
+
+
+@dataclass(slots=True)
+class Watch:
+    """One armed watchdog; all times are seconds on the owner's clock."""
+
+    address: int
+    timeout: float
+    cost: float
+    """How long one feed takes on the wire."""
+    heard_at: float
+    armed_at: float
+    feeds: int = 0
+    """Feeds sent."""
+    longest: float = 0.0
+    """The longest time the device was unheard."""
+    failures: int = 0
+    """Feeds in a row that were not answered."""
+    retry_at: float = 0.0
+    """Not to be fed before, because a feed just failed."""
+
+    @property
+    def due(self) -> float:
+        return self.heard_at + SHARE * self.timeout
+
+    @property
+    def over(self) -> float:
+        """When the device trips unless it is heard."""
+        return self.heard_at + self.timeout
+
+
+class Feeding:
+    """The armed watchdogs of one bus."""
+
+    __slots__ = ("_over_at", "_watches", "look_at", "slack")
+
+    def __init__(self) -> None:
+        self._watches: dict[int, Watch] = {}
+        self.look_at = float("inf")
+        """When to ask for `due` again. Hearing a device only ever puts that off, so it is not kept exact."""
+        self._over_at = float("inf")
+        self.slack = float("inf")
+        """How long one request may take the wire, in seconds, lest a device trips."""
+
+    def get(self, address: int) -> Watch | None:
+        return self._watches.get(address)
+
+    def all(self) -> list[Watch]:
+        return list(self._watches.values())
+
+    def arm(self, watch: Watch) -> None:
+        self._watches[watch.address] = watch
+        self.look_at = self._over_at = _SOON
+
+    def disarm(self, address: int) -> None:
+        self._watches.pop(address, None)
+        if not self._watches:
+            self.slack = float("inf")
+
+    def heard(self, address: int, since: float) -> None:
+        """The device acknowledged a frame that was sent at `since`."""
+        watch = self._watches.get(address)
+        if watch is not None and since > watch.heard_at:
+            watch.longest = max(watch.longest, since - watch.heard_at)
+            watch.heard_at = since
+            watch.failures = 0
+            if watch.retry_at != _MUTED:
+                watch.retry_at = 0.0
+
+    def failed(self, address: int, now: float, cost: float) -> None:
+        """A feed was not answered. The first repetition goes at once, later ones leave the others room."""
+        watch = self._watches.get(address)
+        if watch is not None and watch.retry_at != _MUTED:
+            watch.failures += 1
+            watch.retry_at = now if watch.failures == 1 else now + cost
+            self.look_at = min(self.look_at, watch.retry_at)
+
+    def mute(self, address: int) -> None:
+        """Do not feed the device until it is unmuted."""
+        watch = self._watches.get(address)
+        if watch is not None:
+            watch.retry_at = _MUTED
+
+    def unmute(self, address: int) -> None:
+        """Feed it again, if it was muted."""
+        watch = self._watches.get(address)
+        if watch is not None and watch.retry_at == _MUTED:
+            watch.retry_at = 0.0
+            self.look_at = _SOON
+
+    def due(self, now: float) -> Watch | None:
+        """The watch to feed now, the earliest due first; None while there is time."""
+        if now < self.look_at:
+            return None
+        start, before, first = float("inf"), 0.0, None
+        for watch in sorted(self._watches.values(), key=lambda watch: watch.due):
+            if watch.retry_at > now:
+                start = min(start, watch.retry_at)
+                continue
+            # The last moment at which this one and all due before it can still be fed in time, one by one.
+            start = min(start, watch.due - before)
+            before += watch.cost
+            first = first or watch
+        if now < start or first is None:
+            self.look_at = start
+            return None
+        return first
+
+    def overdue(self, now: float) -> list[Watch]:
+        """The watches whose time is over."""
+        if now < self._over_at:
+            return []
+        self._over_at = min((watch.over for watch in self._watches.values() if watch.over > now), default=float("inf"))
+        return [watch for watch in self._watches.values() if watch.over <= now]
+
+    @property
+    def over_at(self) -> float:
+        """When to ask for `overdue` again; not kept exact either."""
+        return self._over_at
+
+
+def admit(watches: Iterable[Watch], attempts: Iterable[float], longest: float) -> float:
+    """Refuse a set of watches that cannot be fed in time; return how long the wire may be taken at once, in seconds.
+
+    Args:
+        watches: all that would be armed, those armed already included.
+        attempts: how long a failed attempt takes, of each device on the bus.
+        longest: how long the wire can be taken by something that cannot be interrupted.
+
+    Raises:
+        WatchdogInfeasible: one feed each, the two slowest failed attempts and `longest` do not fit between the time
+            a device is due and the time it trips.
+    """
+    watches = list(watches)
+    feeds = sum(watch.cost for watch in watches)
+    failed = sum(sorted(attempts)[-2:])
+    shortest = min(watches, key=lambda watch: watch.timeout)
+    available = (1 - SHARE) * shortest.timeout
+    needed = feeds + failed + longest
+    if needed <= available:
+        return available - feeds - failed
+    raise WatchdogInfeasible(
+        f"{len(watches)} watchdogs cannot be fed in time: one feed each takes {1000 * feeds:.0f} ms, the two "
+        f"slowest failed attempts {1000 * failed:.0f} ms, the longest transaction {1000 * longest:.0f} ms, in all "
+        f"{1000 * needed:.0f} ms. Unit {shortest.address} trips {1000 * available:.0f} ms after it is due (two "
+        f"thirds of its {1000 * shortest.timeout:g} ms). Use longer watchdogs, fewer devices, a faster line or a "
+        "shorter reply_timeout.",
+        {"feeds": feeds, "failed": failed, "longest": longest, "needed": needed, "available": available},
+    )

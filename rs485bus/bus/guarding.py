@@ -1,0 +1,194 @@
+"""Arming and releasing watchdogs, and stopping everything. Pure: procedures that the owner drives.
+
+They are the bus' own: a caller that is cancelled while it waits for one loses nothing but its wait.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.feeding import Watch, admit
+from rs485bus.bus.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.station import Station
+from rs485bus.bus.stopping import Halted, Procedure
+from rs485bus.errors import LimitExceeded, NotSupported
+from rs485bus.wire.frames import Request
+from rs485bus.wire.timing import LineSettings
+
+_USUAL_TURNAROUND = 0.005
+"""Seconds that a device usually takes to answer; what it may take is its reply timeout."""
+
+
+@dataclass(frozen=True, slots=True)
+class EmergencyReport:
+    """How each device ended up after an emergency stop."""
+
+    devices: tuple[Halted, ...]
+
+    @property
+    def all_standing(self) -> bool:
+        """Every device was read to stand. If not: look at the machine, use the hard-wired stop."""
+        return all(device.standing for device in self.devices)
+
+    def __str__(self) -> str:
+        if not self.devices:
+            return "no device was attached"
+        return ", ".join(
+            f"{device.family} {device.address} {'standing' if device.standing else 'NOT CONFIRMED STANDING'}"
+            for device in self.devices
+        )
+
+
+def check_watchdog(attached: Attached, timeout: float) -> int:
+    """The milliseconds that a device's watchdog is set to for `timeout` seconds.
+
+    Raises:
+        NotSupported: it has none.
+        LimitExceeded: its register cannot hold the time.
+    """
+    watchdog = attached.watchdog
+    if watchdog is None:
+        raise NotSupported(
+            f"{attached.family} {attached.address} has no watchdog: it does not notice when the host is gone. "
+            "Cut its power by a safety relay that something else watches."
+        )
+    milliseconds = round(timeout * 1000)
+    if not 1 <= milliseconds <= watchdog.highest:
+        raise LimitExceeded(
+            f"A watchdog of {timeout} s is outside 0.001..{watchdog.highest / 1000:g} s for "
+            f"{attached.family} {attached.address}."
+        )
+    return milliseconds
+
+
+def admit_watchdogs(owner: Owner, devices: Iterable[Attached], timeout: float) -> None:
+    """Refuse to arm what cannot be fed in time. Raises `WatchdogInfeasible` with the numbers."""
+    line, config = owner.pair.line, owner.config
+    watches = {watch.address: watch for watch in owner.feeding.all()}
+    for device in devices:
+        watches[device.address] = _watch(line, device, timeout, owner.now)
+    attempts = [
+        line.budget(len(request.adu), station.reply_timeout, request.length)
+        for station in owner.stations
+        if station.attached is not None
+        for request in station.attached.reads()[:1]
+    ]
+    owner.feeding.slack = admit(watches.values(), attempts, config.turnaround)
+
+
+def arm(owner: Owner, devices: Sequence[Attached], timeout: float) -> Procedure[list[Job]]:
+    """Set the watchdogs of some devices and feed them from then on. Returns the jobs that failed; none if all is well.
+
+    Admission comes first (`admit_watchdogs`).
+    """
+    failed = []
+    for device in devices:
+        watchdog = device.watchdog
+        assert watchdog is not None
+        station = owner.stations[device.address]
+        write = Job(watchdog.write(check_watchdog(device, timeout)), internal=True)
+        yield write
+        if write.outcome is not Outcome.REPLY:
+            failed.append(write)
+            continue
+        watch = _watch(owner.pair.line, device, timeout, write.sent_at)
+        # What the first attempt wrote may be armed since then.
+        watch.heard_at = write.answered_since
+        owner.feeding.arm(watch)
+        station.rearm = timeout
+    return failed
+
+
+def release(owner: Owner, devices: Sequence[Attached], restore: dict[int, int]) -> Procedure[list[Halted]]:
+    """Stop some devices, see each stand, and restore their watchdogs to what they were.
+
+    All are stopped before the first is confirmed. What is not seen standing stays armed, and is not fed any more.
+    Returns how each ended up.
+    """
+    halts = [owner.halt(owner.stations[device.address], device.motion, emergency=False) for device in devices]
+    halted: list[Halted] = []
+    for device, halt in zip(devices, halts, strict=True):
+        station = owner.stations[device.address]
+        ended: Halted = yield halt
+        halted.append(ended)
+        station.rearm = None
+        if not ended.standing:
+            owner.muzzle(station)
+        elif device.watchdog is not None and owner.feeding.get(device.address) is not None:
+            former = restore.get(device.address, device.watchdog.off)
+            write = Job(device.watchdog.write(former), internal=True)
+            yield write
+            if write.outcome is Outcome.REPLY:
+                owner.feeding.disarm(device.address)
+            else:
+                owner.feeding.mute(device.address)
+    return halted
+
+
+def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
+    """Stop all that may move, and release all that is armed. Returns how each device ended up.
+
+    Args:
+        owner: the bus.
+        leave_running: turn the watchdogs off, but leave the motors turning.
+    """
+    devices = []
+    for station in owner.stations:
+        device = station.attached
+        armed = owner.feeding.get(station.address) is not None
+        if device is None or not (armed or device.motion.may_move):
+            continue
+        if not leave_running:
+            devices.append(device)
+        elif armed and device.watchdog is not None:
+            yield Job(device.watchdog.write(device.watchdog.off), internal=True)
+    return (yield from release(owner, devices, {}))
+
+
+def emergency_stop(owner: Owner) -> Procedure[EmergencyReport]:
+    """Latch, flush, stop every device as fast as it can, and see each stand."""
+    owner.gate.latched = True
+    stations = [station for station in owner.stations if station.attached is not None]
+    # What may be moving goes first.
+    stations.sort(key=lambda station: not (station.attached is not None and station.attached.motion.may_move))
+    for request in _broadcast_stops(owner, stations):
+        owner.submit(Job(request, urgency=Urgency.STOP, internal=True, retries=0), owner.now)
+    halts = []
+    for station in stations:
+        assert station.attached is not None
+        station.locked = "an emergency stop was made"
+        owner.muzzle(station)
+        halts.append(owner.halt(station, station.attached.motion, emergency=True))
+    # The first stop is on its way before the others are told: a long queue takes a while.
+    yield owner.now + 0.001
+    owner.flush(Reason.EMERGENCY)
+    halted = []
+    for halt in halts:
+        halted.append((yield halt))  # noqa: PERF401 - a comprehension cannot yield
+    return EmergencyReport(tuple(halted))
+
+
+def _broadcast_stops(owner: Owner, stations: list[Station]) -> list[Request]:
+    """The family broadcasts that stop something and hurt nobody."""
+    everyone = [station.attached for station in owner.stations if station.address]
+    known = [attached for attached in everyone if attached is not None]
+    if len(known) < len(everyone):
+        return []  # what an unknown device would make of it, nobody knows
+    requests = {}
+    for station in stations:
+        assert station.attached is not None
+        request = station.attached.broadcast_stop()
+        if request is not None and all(
+            other.family == station.attached.family for other in known if other.hears(request)
+        ):
+            requests[request.adu] = request
+    return list(requests.values())
+
+
+def _watch(line: LineSettings, device: Attached, timeout: float, now: float) -> Watch:
+    feed = device.reads()[0]
+    cost = line.budget(len(feed.adu), _USUAL_TURNAROUND, feed.length) + 2 * line.t35
+    return Watch(device.address, timeout, cost, heard_at=now, armed_at=now)

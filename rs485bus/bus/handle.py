@@ -1,0 +1,105 @@
+"""What commands return: something that was begun already, to await or to leave alone."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Generator
+from typing import Any, Generic, TypeVar
+
+import anyio
+
+T = TypeVar("T")
+
+
+class Handle(Generic[T]):
+    """A command on its way. It happens whether it is awaited or not.
+
+    Awaiting gives its result or raises why it failed; any number may await it, at any time. Cancelling an await
+    leaves the command alone.
+
+    Args:
+        what: names it in messages.
+        unseen: told of a failure that nobody awaits when it happens.
+    """
+
+    def __init__(self, what: str, unseen: Callable[[Handle[Any]], None] | None = None) -> None:
+        self.what = what
+        self.seen = False
+        """Its failure was raised to somebody."""
+        self._unseen = unseen
+        self._over = False
+        self._result: T | None = None
+        self._error: Exception | None = None
+        self._waiters: list[asyncio.Future[None]] = []
+
+    def __repr__(self) -> str:
+        state = "on its way" if not self._over else "done" if self._error is None else f"failed: {self._error}"
+        return f"<{self.what}: {state}>"
+
+    def done(self) -> bool:
+        """Whether it has ended, well or not."""
+        return self._over
+
+    @property
+    def error(self) -> Exception | None:
+        """Why it failed, once it has."""
+        return self._error
+
+    async def wait(self) -> T:
+        """Wait for its end. As a coroutine function it suits `TaskGroup.create_task` and `start_soon`.
+
+        Raises:
+            RequestFailed, MotionError: why it failed.
+        """
+        if not self._over:
+            waiter = asyncio.get_running_loop().create_future()
+            self._waiters.append(waiter)
+            try:
+                await waiter
+            finally:
+                self._waiters.remove(waiter)
+        if self._error is not None:
+            self.seen = True
+            raise self._error
+        return self._result  # type: ignore[return-value] # set where it ended well
+
+    def __await__(self) -> Generator[Any, None, T]:
+        return self.wait().__await__()
+
+    def finish(self, result: T) -> None:
+        """It ended well. For those who carry it out."""
+        self._result = result
+        self._end()
+
+    def fail(self, error: Exception) -> None:
+        """It failed. For those who carry it out."""
+        if self._over:
+            return
+        self._error = error
+        self._end()
+        if not self._waiters and self._unseen is not None:
+            self._unseen(self)
+
+    def _end(self) -> None:
+        if not self._over:
+            self._over = True
+            for waiter in self._waiters:
+                settle(waiter, None)
+
+
+def settle(future: asyncio.Future[T], result: T) -> None:
+    """Give a future its result, unless it has one."""
+    if not future.done():
+        future.set_result(result)
+
+
+async def outlast(future: asyncio.Future[Any]) -> asyncio.CancelledError | None:
+    """Wait until a future is done, however often the caller is cancelled. Returns the cancellation to raise then."""
+    cancelled = None
+    with anyio.CancelScope(shield=True):
+        while not future.done():
+            try:
+                await asyncio.wait([future])
+            except asyncio.CancelledError as error:
+                cancelled = error
+    return cancelled

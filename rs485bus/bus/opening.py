@@ -1,0 +1,106 @@
+"""Opening a bus: by a port's name, by a gateway's address, or on a transport."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from types import TracebackType
+from typing import Any, Literal
+from urllib.parse import urlsplit
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.config import BusConfig
+from rs485bus.transport.interface import Transport
+from rs485bus.transport.serial import SerialTransport
+from rs485bus.transport.tcp import TcpTransport
+from rs485bus.wire.timing import LineSettings, Parity
+
+_DEFAULT = BusConfig()
+_SLOWEST_USUAL = 9600
+"""What a gateway's pair is taken for, in bit/s, where nobody says: replies are waited for longer then, not shorter."""
+
+
+def open_bus(
+    port: str | Transport,
+    *,
+    baudrate: int | None = None,
+    parity: Parity = "N",
+    stopbits: Literal[1, 2] = 1,
+    config: BusConfig = _DEFAULT,
+) -> Opening:
+    """Open the bus on a port.
+
+    `async with open_bus(...) as bus` closes it at the end: a block that ends well waits for queued moves first, one
+    left by an exception stops every axis that may move. `bus = await open_bus(...)` leaves that to `bus.aclose()`.
+
+    Args:
+        port: a serial port ("/dev/ttyUSB0", "COM3"), an RTU-over-TCP gateway ("socket://host:4196"), or a transport,
+            as `rs485bus.sim.VirtualLine` is one.
+        baudrate: bit/s. A serial port needs it said: MKS drives are shipped at 38400, ZLAC and TL-R at 115200. Behind
+            a gateway it is only used to know how long bytes take.
+        parity: "N", "E" or "O".
+        stopbits: 1 or 2.
+        config: how the bus behaves.
+
+    Raises:
+        ValueError: a setting out of range, or a serial port without a baud rate.
+        PortError: when it is entered or awaited; the message says what to do.
+    """
+    if not isinstance(port, str):
+        return Opening(lambda: port, config)
+    if port.startswith("socket://"):
+        parts = urlsplit(port)
+        if parts.hostname is None or parts.port is None:
+            raise ValueError(f"{port!r} names no host and port; it should look like socket://192.168.1.10:4196")
+        host, number = parts.hostname, parts.port
+        line = LineSettings(baudrate=baudrate or _SLOWEST_USUAL, parity=parity, stopbits=stopbits)
+        return Opening(lambda: TcpTransport(host, number, line), config)
+    if baudrate is None:
+        raise ValueError(
+            f"Say the baud rate of {port}: MKS drives are shipped at 38400 bit/s, ZLAC and TL-R at 115200. "
+            "A wrong one fails silently."
+        )
+    line = LineSettings(baudrate=baudrate, parity=parity, stopbits=stopbits)
+    return Opening(lambda: SerialTransport(port, line, rs485_direction=config.rs485_direction), config)
+
+
+class Opening:
+    """What `open_bus` returns: an async context manager, or to be awaited for a bus to be closed with `aclose()`."""
+
+    def __init__(self, make: Callable[[], Transport], config: BusConfig) -> None:
+        self._make = make
+        self._config = config
+        self._bus: Bus | None = None
+
+    async def _open(self) -> Bus:
+        bus = Bus(self._make(), self._config)
+        await bus.open()
+        return bus
+
+    def __await__(self) -> Generator[Any, None, Bus]:
+        return self._open().__await__()
+
+    async def __aenter__(self) -> Bus:
+        self._bus = await self._open()
+        return self._bus
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        bus = self._bus
+        assert bus is not None
+        if error is None:
+            try:
+                await bus.drain()
+            finally:
+                await bus.aclose()
+            failures = bus.failures()
+            if failures:
+                raise ExceptionGroup("commands failed that nobody awaited", failures)
+            return False
+        try:
+            await bus.aclose()
+        finally:
+            for failure in bus.failures():
+                if failure is not error:
+                    error.add_note(f"Nobody awaited a command that failed: {failure!r}")
+        return False

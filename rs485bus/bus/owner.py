@@ -1,0 +1,392 @@
+"""The owner of the wire. Pure: jobs, bytes and the time go in; bytes to send, outcomes and the next wake come out.
+
+It is a machine driven by calls, no task: nothing can cancel it. One transaction is on the wire at a time; between two
+attempts of a job the queue decides anew; a stop waits for nothing but the end of a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from rs485bus.bus.clockwork import Clockwork
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.exchange import Kind, Received
+from rs485bus.bus.feeding import Feeding, Watch
+from rs485bus.bus.gate import Gate
+from rs485bus.bus.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.motion import NEVER, Motion
+from rs485bus.bus.pair import Pair
+from rs485bus.bus.queue import GONE, Queue
+from rs485bus.bus.record import Journal
+from rs485bus.bus.station import Station, Stations
+from rs485bus.bus.stopping import Halt, Procedure
+from rs485bus.wire.frames import Request
+from rs485bus.wire.registers import Repeat
+from rs485bus.wire.timing import LineSettings
+
+T = TypeVar("T")
+
+FOREVER = float("inf")
+_STOPS = (Urgency.STOP,)
+_SOON = (Urgency.FEED, Urgency.CONFIRM)
+_REST = (Urgency.COMMAND, Urgency.POLL)
+
+
+class Owner:
+    """One pair of wires and everything that waits for it. Times are seconds on one steady clock.
+
+    Args:
+        line: how characters travel.
+        config: how the bus behaves.
+        now: the time.
+        gateway: a TCP gateway does the framing; replies may overtake each other behind it.
+    """
+
+    def __init__(self, line: LineSettings, config: BusConfig, now: float, *, gateway: bool = False) -> None:
+        self.config = config
+        self.now = now
+        self.wake = FOREVER
+        """When `tick` wants to be called next."""
+        self.send_at = now
+        """When the frame that `tick` returned is to be sent."""
+        self.journal = Journal()
+        self.feeding = Feeding()
+        self.stations = Stations(not gateway, config.reply_timeout, config.late_reply_window)
+        self.gate = Gate(line, self.stations, self.feeding)
+        silence = config.tcp_gap if gateway else line.t35
+        self.pair = Pair(line, silence, None if config.echo == "auto" else config.echo, now)
+        self._queue = Queue()
+        self._turnaround_until = NEVER
+        self._clockwork = Clockwork(lambda job: self.submit(job, self.now), now)
+
+    # Jobs and what is done later
+
+    def submit(self, job: Job, now: float) -> None:
+        """Take a job. How it ends is told through `job.on_end`, which may be at once."""
+        job.queued_at = self.now = now
+        job.outcome = None
+        reason = self.gate.refusal(job)
+        if self._queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
+            reason = Reason.QUEUE_FULL
+        if reason is not Reason.NONE:
+            self._end(job, Outcome.NOT_SENT, reason)
+            return
+        self._queue.put(job)
+        if job.expires_at is not None:
+            self.at(job.expires_at, lambda: self._give_up(job, Reason.EXPIRED))
+
+    def cancel(self, job: Job, now: float) -> None:
+        """The caller has gone. What was not sent never will be; what is on the wire is finished, not repeated."""
+        self.now = now
+        job.deserted = True
+        self._give_up(job, Reason.CANCELLED)
+
+    def at(self, when: float, callback: Callable[[], None]) -> None:
+        """Call back when the time has come."""
+        self._clockwork.at(when, callback)
+
+    def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
+        """Drive a procedure to its end, whatever becomes of who started it."""
+        self._clockwork.start(procedure, done)
+
+    # The wire
+
+    def feed(self, data: bytes, now: float) -> None:
+        """Bytes were received."""
+        self.now = now
+        for received in self.pair.feed(data, now):
+            self._take(received)
+
+    def tick(self, now: float, lead: float = 0.0) -> bytes | None:
+        """Do what is due; return the next frame to send, if there is one.
+
+        A frame may be returned up to `lead` seconds before it may go out, at `send_at`.
+        """
+        self.now = now
+        self._clockwork.run(now)
+        for watch in self.feeding.overdue(now):
+            self.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
+        pair, job, frame, wake = self.pair, None, None, FOREVER
+        if pair.job is not None:
+            wake = pair.wait_until(self._queue.has(Urgency.STOP))
+            if now >= wake:
+                self._unanswered("no reply" if now >= pair.deadline else "cut")
+        if pair.job is None and self.gate.connected:
+            wake = pair.quiet_at - lead
+            if now >= wake:
+                job, wake = self._choose()
+            elif not self._queue.size:
+                wake = max(wake, min(self.feeding.look_at, self.stations.to_probe_at(now)))
+        if job is not None:
+            frame = self._send(job, max(now, pair.quiet_at))
+            wake = pair.quiet_at if pair.job is None else pair.wait_until(self._queue.has(Urgency.STOP))
+        self.wake = min(wake, self._clockwork.next_at, self.feeding.over_at)
+        return frame
+
+    def unplugged(self, now: float) -> None:
+        """The port was lost. What is on the wire fails, what moves is dropped; reads wait for the port."""
+        self.now = now
+        self.gate.connected = False
+        self.pair.exchange.unsettle()
+        if self.pair.job is not None:
+            self._unanswered("lost")
+        self._flush(self._queue, lambda job: job.moves and not job.internal, Reason.UNPLUGGED)
+        for station in self.stations:
+            watch = self.feeding.get(station.address)
+            if watch is not None:
+                self.trip(watch, "the port was lost")
+            elif station.attached is not None:
+                station.attached.motion.stop()
+                station.attached.interrupted(0.0, "the port was lost")
+
+    def plugged(self, now: float) -> None:
+        """The port is there again. The first frames are stops, for all that may be moving."""
+        self.now = now
+        self.gate.connected = True
+        self.pair.restart(now)
+        for station in self.stations:
+            if station.attached is not None and station.attached.motion.may_move:
+                self.halt(station, station.attached.motion, emergency=True)
+
+    def close(self, now: float) -> None:
+        """End everything that waits."""
+        self.now = now
+        self.gate.closed = True
+        if self.pair.job is not None:
+            self._unanswered("lost")
+        self._flush(self._queue, lambda _: True, Reason.CLOSED)
+        self._clockwork.clear()
+
+    # Stopping
+
+    def halt(
+        self, station: Station, motion: Motion, *, emergency: bool, frames: tuple[Request, ...] | None = None
+    ) -> Halt:
+        """Stop a device, or the part of it named, until it is seen standing. Nothing older that moves it follows."""
+        attached, halt = station.attached, station.halt
+        assert attached is not None
+        motion.stop()
+        if halt is None:
+            halt = station.halt = Halt(attached, motion, emergency, frames)
+            self.start(halt.run(station.late, lambda _: self._left_alone(station)), lambda _: self._stands(station))
+        else:
+            for request in halt.again(motion, emergency):
+                self.submit(Job(request, urgency=Urgency.STOP, tolerant=True, internal=True, retries=0), self.now)
+        # The stops are queued by now; and only this device's jobs are looked at, lest a long queue hold them up.
+        self._flush(self._queue.of(station.address), lambda job: job.is_stale, Reason.STOPPED)
+        return halt
+
+    def muzzle(self, station: Station) -> None:
+        """Nothing but stops to this device until it stands: neither polls nor feeds."""
+        station.muzzled = True
+        self.feeding.mute(station.address)
+
+    def trip(self, watch: Watch, reason: str) -> None:
+        """The device may have been stopped by its watchdog: it moves only after it was armed again."""
+        self.feeding.disarm(watch.address)
+        station = self.stations[watch.address]
+        attached = station.attached
+        assert attached is not None
+        station.locked = f"its watchdog may have stopped it: {reason}"
+        station.rearm = watch.timeout
+        attached.motion.stop()
+        self._flush(self._queue.of(watch.address), lambda job: job.is_stale, Reason.LOCKED)
+        if attached.motion.may_move:
+            self.halt(station, attached.motion, emergency=True)
+        attached.interrupted(self.now - watch.heard_at, reason)
+
+    def flush(self, reason: Reason) -> None:
+        """End every job that waits but the bus' own and stops."""
+        self._flush(self._queue, lambda job: not job.internal and job.urgency is not Urgency.STOP, reason)
+
+    def _stands(self, station: Station) -> None:
+        assert station.halt is not None
+        station.halt.motion.stands(self.now)
+        station.halt = None
+        station.muzzled = False
+        self.feeding.unmute(station.address)
+
+    def _left_alone(self, station: Station) -> float:
+        """Until when a device is left alone that three stops did not bring to a stand."""
+        watch = self.feeding.get(station.address)
+        if watch is None or not station.muzzled:
+            return self.stations.listening.free_at(self.now)
+        # Its own watchdog is the last defence: no frame may feed it.
+        station.silent_until = self.now + watch.timeout
+        return station.silent_until
+
+    # What goes next
+
+    def _choose(self) -> tuple[Job | None, float]:
+        """The job that goes next or, if there is none, when to look again."""
+        self.gate.settled = self.pair.exchange.echo is not None
+        job, wake = self._queue.take(self._admit, _STOPS)
+        if job is not None:
+            return job, wake
+        if self.now < self._turnaround_until:
+            return None, min(wake, self._turnaround_until)
+        watch = self.feeding.due(self.now)
+        if watch is not None:
+            return self._feed(watch), wake
+        wake = min(wake, self.feeding.look_at)
+        job, again = self._queue.take(self._admit, _SOON)
+        if job is not None:
+            return job, again
+        # Looking for lost units is rationed; what is due of it is not put off by traffic.
+        lost = self.stations.to_probe(self.now)
+        if lost is not None:
+            return self._look_for(lost), wake
+        wake = min(wake, again)
+        job, again = self._queue.take(self._admit, _REST)
+        if job is not None:
+            return job, again
+        wake = min(wake, again, self.stations.to_probe_at(self.now))
+        if not self.gate.settled:
+            # Only writes wait, and they wait for a read: nobody answers that with its own bytes.
+            writing = next((job for job in self._queue if job.request.writes), None)
+            if writing is not None:
+                return self._look_for(self.stations[writing.address or 1]), wake
+        return None, wake
+
+    def _admit(self, job: Job) -> float:
+        reason = self.gate.refusal(job)
+        if reason is not Reason.NONE:
+            self._drop(job, reason)
+            return GONE
+        return self.gate.wait(job, self.now)
+
+    def _feed(self, watch: Watch) -> Job:
+        """The read that feeds a watchdog: one whose reply is not owed, or else one that proves less."""
+        station = self.stations[watch.address]
+        assert station.attached is not None
+        station.late.expire(self.now)
+        reads = station.attached.reads()
+        request = next((read for read in reads if not station.late.must_wait(read)), reads[0])
+        watch.feeds += 1
+        return Job(request, urgency=Urgency.FEED, tolerant=True, internal=True, retries=0)
+
+    def _look_for(self, station: Station) -> Job:
+        """A read that only asks whether anybody answers."""
+        request = station.harmless_read()
+        return Job(request, urgency=Urgency.POLL, tolerant=True, internal=True, retries=0)
+
+    # One transaction
+
+    def _send(self, job: Job, start: float) -> bytes:
+        self.send_at = start
+        job.attempts += 1
+        job.sent_at = start
+        if job.moves and job.motion is not None:
+            job.motion.commanded(start)
+        station = self.stations[job.address]
+        timeout = station.reply_timeout if job.reply_timeout is None else job.reply_timeout
+        self.pair.begin(job, start, timeout, self.stations.late(self.now))
+        if job.is_broadcast:
+            sent = self.pair.quiet_at - self.pair.silence
+            over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
+            self._turnaround_until = max(self._turnaround_until, over)
+            self._note(job, b"", "broadcast", sent)
+            self.at(over, lambda: self._end(job, Outcome.REPLY))
+        elif not job.request.writes:
+            station.last_read = job.request
+        return job.request.adu
+
+    def _take(self, received: Received) -> None:
+        kind, request, frame = received
+        station = self.stations[request.address]
+        if kind is Kind.LATE_EXCEPTION:
+            self.journal.unit(station.address).late_replies += 1
+            station.late.excepted(request.function)
+        elif kind is Kind.LATE:
+            # It is delivered to nobody; but whoever answers late is there, and heard what was asked then.
+            self.journal.unit(station.address).late_replies += 1
+            self.stations.answered(station, self.now)
+            if (since := station.late.arrived(request)) is not None:
+                self.feeding.heard(station.address, since)
+        elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
+            station.late.expire(self.now)
+            hidden = (kind is Kind.EXCEPTION and station.late.hides_exception(job)) or (
+                kind is Kind.REFUSAL and station.late.hides_refusal(job)
+            )
+            if not hidden:
+                self._answered(job, station, kind, frame)
+
+    def _answered(self, job: Job, station: Station, kind: Kind, frame: bytes) -> None:
+        since = station.late.answered(job, self.pair.deadline + station.late_reply_window)
+        job.answered_since = since
+        job.reply = frame
+        job.code = frame[2] if kind is Kind.EXCEPTION else None
+        self.stations.answered(station, self.now)
+        self._note(job, frame, "reply" if kind is Kind.NORMAL else "refused", self.now)
+        self.pair.exchange.settle()
+        self.pair.end(self.stations.late(self.now))
+        if kind is not Kind.NORMAL:
+            # An unanswered attempt before this one may have done what this one was refused.
+            unknown = job.unanswered and job.request.writes
+            self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED)
+            return
+        self.feeding.heard(station.address, since)
+        if station.attached is not None and job.internal and since == job.sent_at:
+            station.attached.told(job.request, frame, since)
+        self._end(job, Outcome.REPLY)
+
+    def _unanswered(self, how: str) -> None:
+        """The attempt on the wire got no reply: its time is over, a stop cut it short, or the port was lost."""
+        job = self.pair.job
+        assert job is not None
+        station = self.stations[job.address]
+        listened = self.now - job.sent_at
+        job.unanswered += 1
+        self.stations.owes(station, job, max(self.pair.deadline, self.now))
+        self._note(job, b"", how, self.now)
+        if how == "no reply":
+            self.pair.exchange.settle()
+            self.stations.unanswered(station, job, self.now)
+        self.pair.end(self.stations.late(self.now))
+        if job.urgency is Urgency.FEED and job.internal:
+            self.feeding.failed(job.address, self.now, listened)
+        elif how != "lost" and self._may_repeat(job):
+            self._queue.put(job, first=True)
+            return
+        elif how == "no reply" and not job.internal:
+            self.stations.missed(station, self.now, self.config.offline_after)
+        safe = job.repeat is Repeat.SAFE or not job.request.writes
+        reason = Reason.UNPLUGGED if how == "lost" else Reason.NONE
+        self._end(job, Outcome.NO_REPLY if safe else Outcome.UNKNOWN, reason)
+
+    def _may_repeat(self, job: Job) -> bool:
+        retries = self.config.retries if job.retries is None else job.retries
+        expired = job.expires_at is not None and job.expires_at <= self.now
+        return job.repeat is Repeat.SAFE and job.attempts <= retries and not job.deserted and not expired
+
+    # How jobs end
+
+    def _give_up(self, job: Job, reason: Reason) -> None:
+        """End a job that still waits, unless it is a stop."""
+        if job.urgency is not Urgency.STOP and job.outcome is None and self._queue.remove(job):
+            self._drop(job, reason)
+
+    def _flush(self, jobs: Iterable[Job], which: Callable[[Job], bool], reason: Reason) -> None:
+        for job in list(jobs):
+            if which(job) and self._queue.remove(job):
+                self._drop(job, reason)
+
+    def _drop(self, job: Job, reason: Reason) -> None:
+        """It is not sent, or not sent again. What was sent unanswered may have been done."""
+        if not job.unanswered:
+            self._end(job, Outcome.NOT_SENT, reason)
+        else:
+            self._end(job, Outcome.UNKNOWN if job.request.writes else Outcome.NO_REPLY, reason)
+
+    def _end(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
+        job.outcome = outcome
+        job.reason = reason
+        job.ended_at = self.now
+        if job.on_end is not None:
+            job.on_end(job)
+
+    def _note(self, job: Job, reply: bytes, outcome: str, now: float) -> None:
+        record, crc_errors = self.pair.record(job, reply, outcome, now)
+        self.journal.unit(job.address).crc_errors += crc_errors
+        self.journal.add(record)

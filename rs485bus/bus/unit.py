@@ -1,0 +1,143 @@
+"""Plain Modbus for any device, and broadcasts, with pymodbus' method names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rs485bus.bus.job import Urgency
+from rs485bus.bus.motion import Motion
+from rs485bus.bus.shell import Shell
+from rs485bus.errors import BroadcastConflict, OutcomeUnknown
+from rs485bus.wire.frames import (
+    BROADCAST,
+    Request,
+    read_holding,
+    read_input,
+    registers,
+    write_multiple,
+    write_single,
+)
+from rs485bus.wire.registers import Repeat
+
+
+class Unit:
+    """One device, as plain Modbus.
+
+    `timeout` is how long the request may take from the call to its last repetition, in seconds: it waits in the queue
+    no longer than that, and is not repeated after it. None for no limit.
+
+    Every method raises `DeviceRefused`, `NotSent` (and what is derived from it), `NoReply` or `OutcomeUnknown`, and
+    `ValueError` before anything is sent where an argument is out of its range.
+    """
+
+    def __init__(self, bus: Shell, address: int) -> None:
+        read_holding(address, 0, 1)  # checks the address
+        self._bus = bus
+        self.address = address
+
+    async def read_holding_registers(
+        self,
+        address: int,
+        count: int = 1,
+        *,
+        urgency: Urgency = Urgency.COMMAND,
+        timeout: float | None = None,
+        repeat: Repeat = Repeat.SAFE,
+    ) -> list[int]:
+        """Read `count` (1..125) registers from `address` (0..65535) on, function 03."""
+        request = read_holding(self.address, address, count)
+        return registers(await self._bus.ask(request, urgency=urgency, timeout=timeout, repeat=repeat))
+
+    async def read_input_registers(
+        self,
+        address: int,
+        count: int = 1,
+        *,
+        urgency: Urgency = Urgency.COMMAND,
+        timeout: float | None = None,
+        repeat: Repeat = Repeat.SAFE,
+    ) -> list[int]:
+        """Read `count` (1..125) input registers from `address` (0..65535) on, function 04."""
+        request = read_input(self.address, address, count)
+        return registers(await self._bus.ask(request, urgency=urgency, timeout=timeout, repeat=repeat))
+
+    async def write_register(
+        self,
+        address: int,
+        value: int,
+        *,
+        urgency: Urgency = Urgency.COMMAND,
+        timeout: float | None = None,
+        repeat: Repeat = Repeat.NEVER,
+    ) -> None:
+        """Write `value` (0..65535) to the register at `address`, function 06.
+
+        It is sent once, unless `repeat` says otherwise: SAFE repeats it blindly, VERIFY reads the register back first.
+        """
+        await self._write(write_single(self.address, address, value), [value], urgency, timeout, repeat)
+
+    async def write_registers(
+        self,
+        address: int,
+        values: Sequence[int],
+        *,
+        urgency: Urgency = Urgency.COMMAND,
+        timeout: float | None = None,
+        repeat: Repeat = Repeat.NEVER,
+    ) -> None:
+        """Write 1..123 `values` to the registers from `address` on, function 16. `repeat` as for `write_register`."""
+        await self._write(write_multiple(self.address, address, values), values, urgency, timeout, repeat)
+
+    async def _write(
+        self, request: Request, values: Sequence[int], urgency: Urgency, timeout: float | None, repeat: Repeat
+    ) -> None:
+        attempts = 1 + self._bus.config.retries if repeat is Repeat.VERIFY else 1
+        for attempt in range(attempts):
+            try:
+                await self._bus.ask(request, urgency=urgency, timeout=timeout, repeat=repeat, moves=True)
+                return
+            except OutcomeUnknown:
+                if repeat is not Repeat.VERIFY:
+                    raise
+                there = await self.read_holding_registers(request.register, len(values), urgency=urgency)
+                if there == list(values):
+                    return
+                if attempt + 1 == attempts:
+                    raise
+
+
+class Broadcast:
+    """Writes to every device on the pair. Nobody answers, so nobody knows who heard it.
+
+    Args:
+        bus: the bus.
+    """
+
+    def __init__(self, bus: Shell) -> None:
+        self._bus = bus
+
+    async def write_register(self, address: int, value: int, *, family: str | None = None) -> None:
+        """Write `value` (0..65535) to the register at `address` of every device, function 06.
+
+        Returns when the turnaround after it is over. `family` names the family it is meant for ("MKS"), where devices
+        of several are attached.
+
+        Raises:
+            BroadcastConflict: a device of another family would act on it.
+        """
+        await self._send(write_single(BROADCAST, address, value), family)
+
+    async def write_registers(self, address: int, values: Sequence[int], *, family: str | None = None) -> None:
+        """Write 1..123 `values` from `address` on, function 16. As `write_register` otherwise."""
+        await self._send(write_multiple(BROADCAST, address, values), family)
+
+    async def _send(self, request: Request, family: str | None) -> None:
+        hearing = [device for device in self._bus.devices if device.hears(request)]
+        families = sorted({device.family for device in hearing})
+        if families and families != [family or families[0]]:
+            raise BroadcastConflict(
+                f"Register 0x{request.register:04X} means something to {' and '.join(families)} devices on this bus"
+                f"{'' if family is None else f', not only to {family}'}. Write to the devices one by one instead."
+            )
+        motion = Motion(device.motion for device in hearing) if hearing else None
+        await self._bus.ask(request, repeat=Repeat.NEVER, moves=True, motion=motion)

@@ -1,0 +1,113 @@
+"""A watchdog block: devices armed and fed while it runs, stopped and released when it is left, however it is left."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.failure import failure
+from rs485bus.bus.guarding import admit_watchdogs, arm, check_watchdog, release
+from rs485bus.bus.handle import outlast, settle
+from rs485bus.bus.shell import Shell
+from rs485bus.bus.stopping import Halted
+from rs485bus.errors import StopUnconfirmed
+
+
+@dataclass(frozen=True, slots=True)
+class WatchReport:
+    """How one device was fed. Times are seconds."""
+
+    address: int
+    timeout: float
+    feeds: int
+    """Frames sent to feed it."""
+    saved: int
+    """Frames that other traffic made unnecessary."""
+    longest: float
+    """The longest time for which it was unheard."""
+
+    @property
+    def margin(self) -> float:
+        """The part of its time that was left when it was unheard for longest."""
+        return 1 - self.longest / self.timeout
+
+
+class Watchdog:
+    """An async context manager over the watchdogs of some devices. Made by `axis.watchdog` and `bus.watchdog`."""
+
+    def __init__(
+        self,
+        bus: Shell,
+        devices: Sequence[Attached],
+        drains: Sequence[Callable[[], Awaitable[None]]],
+        timeout: float,
+        lease: float | None,
+    ) -> None:
+        self._bus = bus
+        self._devices = list({device.address: device for device in devices}.values())
+        self._drains = drains
+        self.timeout = timeout
+        self.lease = lease
+
+    async def __aenter__(self) -> Watchdog:
+        bus, owner = self._bus, self._bus.owner
+        for device in self._devices:
+            check_watchdog(device, self.timeout)
+        admit_watchdogs(owner, self._devices, self.timeout)
+        armed = asyncio.get_running_loop().create_future()
+        bus.start(arm(owner, self._devices, self.timeout), armed.set_result)
+        cancelled = await outlast(armed)
+        failed = armed.result()
+        if cancelled is not None or failed:
+            await self._release()
+            if cancelled is not None:
+                raise cancelled
+            raise failure(failed[0], bus.flight)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        try:
+            if error is None:
+                for drain in self._drains:
+                    await drain()
+        finally:
+            halted = await self._release()
+        moving = [f"{device.family} {device.address}" for device in halted if not device.standing]
+        if moving and error is None:
+            raise StopUnconfirmed(
+                f"{', '.join(moving)} could not be seen standing. The watchdog stays armed and is not fed, so that the "
+                "drive stops by itself. Look at the machine."
+            )
+        return False
+
+    def report(self) -> list[WatchReport]:
+        """How each device has been fed so far."""
+        owner = self._bus.owner
+        reports = []
+        for device in self._devices:
+            watch = owner.feeding.get(device.address)
+            if watch is not None:
+                now = self._bus.now()
+                longest = max(watch.longest, now - watch.heard_at)
+                expected = int((now - watch.armed_at) / (watch.timeout / 3))
+                saved = max(0, expected - watch.feeds)
+                reports.append(WatchReport(device.address, watch.timeout, watch.feeds, saved, longest))
+        return reports
+
+    async def _release(self) -> list[Halted]:
+        """Stop, confirm, restore: the bus' own job. However often the caller is cancelled, it waits for it."""
+        bus = self._bus
+        released = asyncio.get_running_loop().create_future()
+        bus.start(release(bus.owner, self._devices, {}), lambda halted: settle(released, halted))
+        bound = bus.after(bus.config.close_timeout, lambda: settle(released, []))
+        cancelled = await outlast(released)
+        bound.cancel()
+        if cancelled is not None:
+            raise cancelled
+        return list(released.result())

@@ -1,0 +1,136 @@
+"""A precise wake-up. Event loops round their timers up to a millisecond, which is a third of a fast transaction."""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import os
+import struct
+import sys
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+_CLOCK_MONOTONIC = 1
+_ABSOLUTE = 1
+_NONBLOCK_CLOEXEC = 0o4000 | 0o2000000
+_FOREVER = float("inf")
+
+
+class Alarm(Protocol):
+    """Calls back once at the time it was set to, on the event loop's clock."""
+
+    lead: float
+    """Seconds before a time at which it is safe to wake up and wait out the rest, because waking up takes as long."""
+
+    def set(self, when: float) -> None:
+        """Call back at `when` instead of what was set before; infinity for not at all."""
+
+    def close(self) -> None:
+        """Never call back again."""
+
+
+class LoopAlarm:
+    """The event loop's own timer: late by up to a millisecond, but on whatever clock the loop has."""
+
+    lead = 0.0
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self._loop = loop
+        self._callback = callback
+        self._handle: asyncio.TimerHandle | None = None
+        self._when = _FOREVER
+
+    def set(self, when: float) -> None:
+        if when == self._when:
+            return
+        self._when = when
+        if self._handle is not None:
+            self._handle.cancel()
+        self._handle = None if when == _FOREVER else self._loop.call_at(when, self._fire)
+
+    def close(self) -> None:
+        self.set(_FOREVER)
+
+    def _fire(self) -> None:
+        self._when = _FOREVER
+        self._handle = None
+        self._callback()
+
+
+class TimerfdAlarm:
+    """A Linux timerfd in the loop's selector: precise to a tenth of a millisecond.
+
+    It learns how late it wakes up, so that whoever waits can be woken that much early.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self._loop = loop
+        self._callback = callback
+        self._fd = _create()
+        self._when = _FOREVER
+        self.lead = 0.000_06
+        loop.add_reader(self._fd, self._fire)
+
+    def set(self, when: float) -> None:
+        if when != self._when and self._fd >= 0:
+            self._when = when
+            # The time 0 would disarm it; what is past is due at once.
+            _settime(self._fd, 0.0 if when == _FOREVER else max(when, 1e-9))
+
+    def close(self) -> None:
+        if self._fd >= 0:
+            self._loop.remove_reader(self._fd)
+            os.close(self._fd)
+            self._fd = -1
+
+    def _fire(self) -> None:
+        try:
+            os.read(self._fd, 8)
+        except BlockingIOError:
+            return  # it was set anew after it had become readable
+        late = self._loop.time() - self._when
+        self._when = _FOREVER
+        if late < 0.001:
+            self.lead += (min(late, 0.000_15) - self.lead) / 16
+        self._callback()
+
+
+def make_alarm(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> Alarm:
+    """The most precise alarm that this loop and system have."""
+    # The loop's clock must be the one that timerfd goes by: a test's loop may have one of its own.
+    real = abs(loop.time() - time.monotonic()) < 0.1
+    if sys.platform == "linux" and real and hasattr(loop, "add_reader"):
+        try:
+            return TimerfdAlarm(loop, callback)
+        except (OSError, NotImplementedError):
+            pass
+    return LoopAlarm(loop, callback)
+
+
+if sys.version_info >= (3, 13) and sys.platform == "linux":
+
+    def _create() -> int:
+        return os.timerfd_create(_CLOCK_MONOTONIC, flags=os.TFD_NONBLOCK | os.TFD_CLOEXEC)
+
+    def _settime(fd: int, when: float) -> None:
+        os.timerfd_settime(fd, flags=os.TFD_TIMER_ABSTIME, initial=when)
+
+else:
+    _SPEC = struct.Struct("llll")
+    _libc: ctypes.CDLL | None = None
+
+    def _create() -> int:
+        global _libc  # noqa: PLW0603 - loaded where it is needed, once
+        if _libc is None:
+            _libc = ctypes.CDLL(None, use_errno=True)
+        fd = int(_libc.timerfd_create(_CLOCK_MONOTONIC, _NONBLOCK_CLOEXEC))
+        if fd < 0:
+            raise OSError(ctypes.get_errno(), "timerfd_create failed")
+        return fd
+
+    def _settime(fd: int, when: float) -> None:
+        seconds = int(when)
+        spec = _SPEC.pack(0, 0, seconds, int((when - seconds) * 1e9))
+        if _libc is None or _libc.timerfd_settime(fd, _ABSOLUTE, spec, None) < 0:
+            raise OSError(ctypes.get_errno(), "timerfd_settime failed")

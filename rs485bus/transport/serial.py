@@ -1,0 +1,208 @@
+"""A serial port, on pyserial-asyncio: opened in a worker thread, written directly, closed without draining."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import anyio.to_thread
+import serial
+import serial.rs485
+import serial_asyncio
+from serial.tools import list_ports
+
+from rs485bus.errors import PortBusy, PortError, PortNotFound, PortPermissionDenied
+from rs485bus.transport.alarm import Alarm, make_alarm
+from rs485bus.transport.interface import Sink, SinkProtocol
+from rs485bus.wire.timing import LineSettings
+
+_log = logging.getLogger("rs485bus")
+
+
+class _Port(serial.Serial):
+    """pyserial's port, with what would block the event loop taken out."""
+
+    if os.name == "posix":
+
+        def read(self, size: int = 1) -> bytes:
+            """What is there. pyserial would ask `select` first, which takes no file descriptor above 1023."""
+            try:
+                data = os.read(self.fileno(), size)
+            except BlockingIOError:
+                return b""
+            except OSError as error:
+                raise serial.SerialException(str(error)) from error
+            if not data:
+                raise serial.SerialException("the port has gone")
+            return data
+
+    def flush(self) -> None:
+        """pyserial-asyncio drains here, on the event loop, when it closes. What must go out has gone out by then."""
+        try:
+            self.reset_output_buffer()
+        except Exception as error:  # termios.error, which is no OSError, where the port has gone
+            _log.debug("%s: %s", self.port, error)
+
+
+class SerialTransport:
+    """A serial port.
+
+    Args:
+        port: its path or name: "/dev/ttyUSB0", "COM3".
+        line: how characters travel.
+        rs485_direction: let the kernel switch the direction by RTS (TIOCSRS485).
+    """
+
+    gateway = False
+
+    def __init__(self, port: str, line: LineSettings, *, rs485_direction: bool = False) -> None:
+        self.name = port
+        self.line = line
+        self._rs485_direction = rs485_direction
+        self._transport: serial_asyncio.SerialTransport | None = None
+        self._protocol: SinkProtocol | None = None
+        self._fd = -1
+
+    async def open(self, sink: Sink) -> None:
+        """Open the port exclusively. Raises `PortError`, which says what to do."""
+        opened: list[_Port] = []
+        abandoned = False
+
+        def open_port() -> None:
+            port = _open(self.name, self.line, self._rs485_direction)
+            opened.append(port)
+            if abandoned:
+                port.close()
+
+        try:
+            await anyio.to_thread.run_sync(open_port)
+        except BaseException:
+            # Cancelled while the thread was at it: whoever comes last closes it.
+            abandoned = True
+            for port in opened:
+                port.close()
+            raise
+        port = opened[0]
+        protocol = self._protocol = SinkProtocol(sink)
+        loop = asyncio.get_running_loop()
+        self._transport, _ = await serial_asyncio.connection_for_serial(loop, lambda: protocol, port)
+        self._fd = port.fileno() if os.name == "posix" else -1
+
+    def write(self, data: bytes) -> None:
+        if self._transport is None or self._transport.is_closing():
+            return
+        if self._fd < 0 or self._transport.get_write_buffer_size():
+            self._transport.write(data)
+            return
+        try:
+            sent = os.write(self._fd, data)
+        except BlockingIOError:
+            sent = 0
+        except OSError as error:
+            _log.debug("%s: %s", self.name, error)
+            self.abort()
+            return
+        if sent < len(data):
+            self._transport.write(data[sent:])
+
+    @property
+    def unsent(self) -> int:
+        return 0 if self._transport is None else int(self._transport.get_write_buffer_size())
+
+    def abort(self) -> None:
+        if self._transport is not None:
+            self._transport.abort()
+
+    async def close(self) -> None:
+        transport, self._transport, self._fd = self._transport, None, -1
+        if transport is not None and self._protocol is not None:
+            await self._protocol.close(transport)
+
+    def alarm(self, callback: Callable[[], None]) -> Alarm:
+        return make_alarm(asyncio.get_running_loop(), callback)
+
+
+def _open(name: str, line: LineSettings, rs485_direction: bool) -> _Port:
+    """Open a port, in a worker thread: it may take its time."""
+    try:
+        port = _Port(
+            name,
+            baudrate=line.baudrate,
+            parity=line.parity,
+            stopbits=line.stopbits,
+            timeout=0,
+            write_timeout=0,
+            exclusive=True,
+        )
+    except (OSError, ValueError) as error:
+        raise _explained(name, line, error) from error
+    try:
+        if rs485_direction:
+            setattr(port, "rs485_mode", serial.rs485.RS485Settings())  # noqa: B010 - typed as a method
+    except (OSError, ValueError, NotImplementedError) as error:
+        port.close()
+        raise PortError(
+            f"{name} cannot switch the direction of RS-485 by itself ({error}). "
+            "Leave rs485_direction off for adapters that do it in hardware."
+        ) from error
+    _hurry(port)
+    return port
+
+
+def _hurry(port: _Port) -> None:
+    """Ask the driver not to hold bytes back; warn where it still does."""
+    try:
+        port.set_low_latency_mode(True)
+    except (OSError, ValueError, NotImplementedError, AttributeError) as error:
+        _log.debug("%s: no low-latency mode: %s", port.port, error)
+    timer = Path(f"/sys/bus/usb-serial/devices/{Path(str(port.port)).resolve().name}/latency_timer")
+    try:
+        latency = int(timer.read_text())
+    except (OSError, ValueError):
+        return
+    if latency > 1:
+        _log.warning(
+            "%s hands received bytes over only every %d ms, which slows every request down. "
+            "Mend it with: echo 1 | sudo tee %s",
+            port.port,
+            latency,
+            timer,
+        )
+
+
+def _explained(name: str, line: LineSettings, error: Exception) -> PortError:
+    """The same error, with what a person can do about it."""
+    number = getattr(error, "errno", None)
+    text = str(error)
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFoundError" in text:
+        there = ", ".join(port.device for port in list_ports.comports()) or "none"
+        return PortNotFound(f"There is no port {name}. Ports of this machine: {there}.")
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
+        held = _holders(name)
+        return PortBusy(f"{name} is in use{held}. Close the other program, or share one bus within one program.")
+    if number in (errno.EACCES, errno.EPERM) or "PermissionError" in text:
+        if sys.platform == "win32":
+            return PortBusy(f"{name} is in use by another program, or may not be opened. Close the other program.")
+        return PortPermissionDenied(
+            f"You may not open {name}. Join the group that owns it, then log in again: sudo usermod -aG dialout $USER"
+        )
+    return PortError(f"{name} could not be opened as a serial port at {line.baudrate} bit/s: {text}")
+
+
+def _holders(name: str) -> str:
+    """Who holds the port, as far as this user may see it (Linux)."""
+    path = Path(name).resolve()
+    holders = set()
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        try:
+            if link.resolve() == path:
+                pid = link.parts[2]
+                holders.add(f"{Path('/proc', pid, 'comm').read_text().strip()} (process {pid})")
+        except OSError:
+            continue
+    return f" by {', '.join(sorted(holders))}" if holders else ""

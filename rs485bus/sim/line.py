@@ -1,0 +1,190 @@
+"""A virtual RS-485 pair: bytes take their time, and who breaks the rules of the wire is not understood. Pure.
+
+A frame that starts before t3.5 of silence is not understood and counted; two that talk at once destroy each other's
+bytes. `VirtualPair` is told the time; `VirtualLine` puts it under an event loop.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import random
+from collections.abc import Callable
+
+from rs485bus.sim.device import SimDevice
+from rs485bus.sim.noise import Noise
+from rs485bus.wire.frames import crc
+from rs485bus.wire.timing import LineSettings
+
+_EPSILON = 1e-6
+_PIECE = 0.001
+"""Seconds of airtime that arrive at once, as from a receiver with a small buffer."""
+
+
+class _Talk:
+    """A device that talks."""
+
+    __slots__ = ("destroyed", "until")
+
+    def __init__(self, until: float) -> None:
+        self.until = until
+        self.destroyed = False
+
+
+class VirtualPair:
+    """The pair and the devices on it.
+
+    Args:
+        devices: what hangs on it.
+        line: how characters travel.
+        noise: what goes wrong.
+        seed: makes the noise reproducible.
+        turnaround: seconds the devices take before they answer, where they have no time of their own.
+    """
+
+    def __init__(
+        self,
+        devices: tuple[SimDevice, ...],
+        line: LineSettings,
+        noise: Noise,
+        seed: int,
+        turnaround: float = 0.002,
+    ) -> None:
+        self.devices = list(devices)
+        self.line = line
+        self.noise = noise
+        self.turnaround = turnaround
+        self.lenient = False
+        """Understand frames that start too early. They are counted all the same."""
+        self.frames = 0
+        """Frames the master sent."""
+        self.early_frames = 0
+        """Frames that started before t3.5 of silence, as far as the master could hear it."""
+        self.collisions = 0
+        """Times that two talked at once."""
+        self._rng = random.Random(seed)
+        self._events: list[tuple[float, int, Callable[[float], None]]] = []
+        self._number = itertools.count()
+        self._received: list[bytes] = []
+        self._frame = bytearray()
+        self._spoilt = False
+        self._version = 0
+        self._sending_until = float("-inf")
+        self._busy_until = float("-inf")
+        self._heard_at = float("-inf")
+        self._talk: _Talk | None = None
+        self._hanging: dict[SimDevice, float] = {}
+        self._answering: dict[SimDevice, float] = {}
+
+    @property
+    def next_at(self) -> float:
+        """When the next thing happens on the pair."""
+        return self._events[0][0] if self._events else float("inf")
+
+    def transmit(self, data: bytes, now: float) -> None:
+        """The master sends."""
+        start = max(now, self._sending_until)
+        talk = self._talk if self._talk is not None and self._talk.until > start else None
+        within = self.line.t35 if self.lenient else self.line.t15
+        if not self._frame or start - self._sending_until > within + _EPSILON:
+            self._frame = bytearray()
+            self.frames += 1
+            shortest = self.line.t35 - _EPSILON
+            self._spoilt = start - self._busy_until < shortest and not self.lenient
+            self.early_frames += start - max(self._heard_at, self._sending_until) < shortest
+        if talk is not None:
+            talk.destroyed = self._spoilt = True
+            self.collisions += 1
+        self._frame += data
+        end = start + self.line.airtime(len(data))
+        self._sending_until = end
+        self._busy_until = max(self._busy_until, end)
+        self._version += 1
+        version = self._version
+        self._at(end + self.line.t35, lambda now: self._complete(version, end, now))
+        if self.noise.echo:
+            self._arrive(bytes(data), start, None)
+
+    def advance(self, now: float) -> list[bytes]:
+        """Let everything happen that is due; return what the master received, in pieces."""
+        while self._events and self._events[0][0] <= now:
+            when, _, happen = heapq.heappop(self._events)
+            happen(when)
+        received, self._received = self._received, []
+        return received
+
+    def _at(self, when: float, happen: Callable[[float], None]) -> None:
+        heapq.heappush(self._events, (when, next(self._number), happen))
+
+    def _chance(self, probability: float) -> bool:
+        return probability > 0 and self._rng.random() < probability
+
+    def _complete(self, version: int, end: float, now: float) -> None:
+        """The master has been silent for t3.5: its frame is whole."""
+        if version != self._version:
+            return
+        frame, spoilt = bytes(self._frame), self._spoilt
+        self._frame = bytearray()
+        if spoilt or self._chance(self.noise.lost_request):
+            return
+        if self._chance(self.noise.flipped_request):
+            frame = self._flip(frame)
+        for device in self.devices:
+            if device.baudrate not in (None, self.line.baudrate) or self._hanging.get(device, 0.0) > now:
+                continue
+            if frame[0] == device.address and self._chance(self.noise.hang):
+                self._hanging[device] = now + self._rng.uniform(0, self.noise.hang_for)
+                continue
+            reply = device.receive(frame, now)
+            if reply is None or self._chance(self.noise.lost_reply):
+                continue
+            turnaround = self.turnaround if device.turnaround is None else device.turnaround
+            delay = self._rng.uniform(0, self.noise.late_by) if self._chance(self.noise.late) else 0.0
+            # A device that is late answers what it is asked meanwhile after that: in order.
+            start = max(end + turnaround + delay, now, self._answering.get(device, 0.0) + self.line.t35)
+            self._answering[device] = start + self.line.airtime(len(reply))
+            self._at(start, lambda now, reply=reply: self._reply(reply, now))  # type: ignore[misc]
+
+    def _reply(self, reply: bytes, now: float) -> None:
+        if self._chance(self.noise.flipped):
+            reply = self._flip(reply)
+        if self._chance(self.noise.torn):
+            reply = reply[: self._rng.randrange(len(reply))]
+        if self._chance(self.noise.duplicated):
+            reply += reply
+        if self._chance(self.noise.foreign):
+            body = bytes((self._rng.randrange(1, 248), 3, 2)) + self._rng.randbytes(2)
+            reply = body + crc(body) + reply
+        if self._chance(self.noise.stray):
+            reply = self._rng.randbytes(self._rng.randrange(1, 9)) + reply
+        if not reply:
+            return
+        talk = _Talk(now + self.line.airtime(len(reply)))
+        if self._sending_until > now + _EPSILON:
+            self._spoilt = talk.destroyed = True
+            self.collisions += 1
+        if self._talk is not None and self._talk.until > now + _EPSILON:
+            self._talk.destroyed = talk.destroyed = True
+            talk.until = max(talk.until, self._talk.until)
+            self.collisions += 1
+        self._talk = talk
+        self._busy_until = max(self._busy_until, talk.until)
+        self._arrive(reply, now, talk)
+
+    def _arrive(self, data: bytes, start: float, talk: _Talk | None) -> None:
+        """Bytes reach the master as they are sent, a few at a time."""
+        size = max(1, int(_PIECE / self.line.character))
+        for at in range(0, len(data), size):
+            piece = data[at : at + size]
+            self._at(start + self.line.airtime(at + len(piece)), lambda now, piece=piece: self._hear(piece, talk, now))  # type: ignore[misc]
+
+    def _hear(self, piece: bytes, talk: _Talk | None, now: float) -> None:
+        self._heard_at = now
+        destroyed = talk is not None and talk.destroyed
+        self._received.append(self._rng.randbytes(len(piece)) if destroyed else piece)
+
+    def _flip(self, frame: bytes) -> bytes:
+        bits = int.from_bytes(frame, "big")
+        for _ in range(self._rng.randrange(1, 4)):
+            bits ^= 1 << self._rng.randrange(8 * len(frame))
+        return bits.to_bytes(len(frame), "big")

@@ -1,0 +1,114 @@
+"""A shaft that moves with ramps. Pure: its position at any time follows from what it was last told.
+
+Positions are turns, speeds rpm, ramps rpm/s; a ramp of infinity is a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+_MINUTE = 60.0
+
+
+class _Leg(NamedTuple):
+    """From a time on: where it is, how fast, and how the speed changes (turns, turns/s, turns/s²)."""
+
+    at: float
+    position: float
+    speed: float
+    rate: float
+
+
+class Motor:
+    """One shaft."""
+
+    __slots__ = ("_legs", "target")
+
+    def __init__(self, position: float = 0.0) -> None:
+        self._legs = [_Leg(float("-inf"), position, 0.0, 0.0)]
+        self.target: float | None = None
+        """Where it is going, in turns; None while it runs at a speed."""
+
+    def position(self, now: float) -> float:
+        leg, elapsed = self._leg(now)
+        return leg.position + leg.speed * elapsed + leg.rate * elapsed * elapsed / 2
+
+    def rpm(self, now: float) -> float:
+        leg, elapsed = self._leg(now)
+        return _MINUTE * (leg.speed + leg.rate * elapsed)
+
+    def getting_faster(self, now: float) -> bool | None:
+        """Whether it gets faster (True) or slower (False); None while its speed does not change."""
+        leg, elapsed = self._leg(now)
+        if leg.rate == 0:
+            return None
+        return leg.rate * (leg.speed + leg.rate * elapsed) >= 0
+
+    def moving(self, now: float) -> bool:
+        leg, _ = self._leg(now)
+        return leg.speed != 0 or leg.rate != 0
+
+    @property
+    def arrives_at(self) -> float:
+        """When the last change of what it was told ends."""
+        return self._legs[-1].at
+
+    def place(self, position: float, now: float) -> None:
+        """Put it there, standing."""
+        self.target = position
+        self._legs = [_Leg(now, position, 0.0, 0.0)]
+
+    def halt(self, now: float) -> None:
+        """Stand at once."""
+        self.place(self.position(now), now)
+
+    def go_to(self, target: float, rpm: float, ramp: float, now: float) -> None:
+        """Go to a position and stand there."""
+        self.target = target
+        self._begin(now)
+        self._append_move(target, rpm / _MINUTE, ramp / _MINUTE)
+
+    def run(self, rpm: float, ramp: float, now: float) -> None:
+        """Change to a speed and keep it; 0 to stand."""
+        self.target = None
+        self._begin(now)
+        self._append_speed(rpm / _MINUTE, ramp / _MINUTE)
+
+    def _leg(self, now: float) -> tuple[_Leg, float]:
+        leg = next((leg for leg in reversed(self._legs) if leg.at <= now), self._legs[0])
+        return leg, now - leg.at if leg.at > float("-inf") else 0.0
+
+    def _begin(self, now: float) -> None:
+        leg, elapsed = self._leg(now)
+        self._legs = [_Leg(now, self.position(now), leg.speed + leg.rate * elapsed, 0.0)]
+
+    def _append_speed(self, speed: float, ramp: float) -> None:
+        """Change the speed at the end of what is planned."""
+        last = self._legs.pop()
+        took = abs(speed - last.speed) / ramp
+        if took:
+            self._legs.append(last._replace(rate=math.copysign(ramp, speed - last.speed)))
+        end = last.position + (last.speed + speed) / 2 * took
+        self._legs.append(_Leg(last.at + took, end, speed, 0.0))
+
+    def _append_move(self, target: float, speed: float, ramp: float) -> None:
+        last = self._legs[-1]
+        way = target - last.position
+        braking = last.speed * last.speed / (2 * ramp)
+        if last.speed and (way * last.speed < 0 or braking > abs(way)):
+            self._append_speed(0.0, ramp)  # it cannot stop in time, or goes the wrong way: turn round
+            last = self._legs[-1]
+            way = target - last.position
+        if way:
+            fastest = math.sqrt(last.speed * last.speed / 2 + ramp * abs(way)) if ramp < math.inf else speed
+            peak = math.copysign(min(speed, fastest), way)
+            self._append_speed(peak, ramp)
+            last = self._legs.pop()
+            cruise = (target - last.position) / peak - abs(peak) / (2 * ramp)
+            self._legs.append(last)
+            if cruise > 0:
+                self._legs.append(_Leg(last.at + cruise, last.position + peak * cruise, peak, 0.0))
+            self._append_speed(0.0, ramp)
+        last = self._legs.pop()
+        self._legs.append(_Leg(last.at, target, 0.0, 0.0))

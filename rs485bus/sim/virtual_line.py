@@ -1,0 +1,186 @@
+"""The virtual pair under an event loop: as a transport for `open_bus`, and on a pseudo-terminal for anybody."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+from rs485bus.errors import PortNotFound
+from rs485bus.sim.device import SimDevice
+from rs485bus.sim.line import VirtualPair
+from rs485bus.sim.noise import Noise
+from rs485bus.transport.alarm import Alarm, make_alarm
+from rs485bus.transport.interface import Sink
+from rs485bus.wire.timing import LineSettings, Parity
+
+_QUIET = Noise()
+
+
+class VirtualLine:
+    """A virtual RS-485 line: a transport with the timing of a real pair.
+
+    Args:
+        devices: what hangs on it.
+        baudrate: bit/s.
+        parity: "N", "E" or "O".
+        stopbits: 1 or 2.
+        noise: what goes wrong.
+        seed: makes the noise reproducible.
+        turnaround: seconds the devices take before they answer, where they have no time of their own.
+    """
+
+    name = "virtual line"
+    gateway = False
+
+    def __init__(
+        self,
+        *devices: SimDevice,
+        baudrate: int = 115200,
+        parity: Parity = "N",
+        stopbits: Literal[1, 2] = 1,
+        noise: Noise = _QUIET,
+        seed: int = 0,
+        turnaround: float = 0.002,
+    ) -> None:
+        self.line = LineSettings(baudrate=baudrate, parity=parity, stopbits=stopbits)
+        self.pair = VirtualPair(devices, self.line, noise, seed, turnaround)
+        self.plugged = True
+        self._sink: Sink | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._alarm: Alarm | None = None
+
+    @property
+    def unsent(self) -> int:
+        return 0
+
+    async def open(self, sink: Sink) -> None:
+        if not self.plugged:
+            raise PortNotFound("The virtual line is unplugged.")
+        self._run()
+        self._sink = sink
+
+    def write(self, data: bytes) -> None:
+        if self._sink is not None and self._loop is not None:
+            self.transmit(data, self._loop.time())
+
+    def abort(self) -> None:
+        sink, self._sink = self._sink, None
+        if sink is not None and self._loop is not None:
+            self._loop.call_soon(sink.lost, None)
+
+    async def close(self) -> None:
+        self._sink = None
+
+    def alarm(self, callback: Callable[[], None]) -> Alarm:
+        return make_alarm(asyncio.get_running_loop(), callback)
+
+    def unplug(self) -> None:
+        """Pull the adapter out: the port is lost, and cannot be opened until `plug`."""
+        self.plugged = False
+        self.abort()
+
+    def plug(self) -> None:
+        """Put it in again."""
+        self.plugged = True
+
+    async def serve_pty(self, link: str | Path | None = None) -> VirtualPort:
+        """Put the line on a pseudo-terminal, in real time, so that any Modbus master can be tried on it (not Windows).
+
+        There, frames that start too early are counted but understood: what comes through a pseudo-terminal is late by
+        what the system makes it.
+
+        Args:
+            link: a symbolic link to make to it, for a path that stays the same.
+        """
+        self._run()
+        self.pair.lenient = True
+        return VirtualPort(self, link)
+
+    def hear(self, sink: Sink | None) -> None:
+        """Hand what the master receives to a sink."""
+        self._sink = sink
+
+    def transmit(self, data: bytes, now: float) -> None:
+        """The master sends."""
+        self.pair.transmit(data, now)
+        self._pump()
+
+    def _run(self) -> None:
+        loop = asyncio.get_running_loop()
+        if self._loop is not loop:
+            self._loop = loop
+            self._alarm = make_alarm(loop, self._pump)
+
+    def _pump(self) -> None:
+        assert self._loop is not None
+        assert self._alarm is not None
+        for piece in self.pair.advance(self._loop.time()):
+            if self._sink is not None:
+                self._sink.received(piece)
+        self._alarm.set(self.pair.next_at)
+
+
+class VirtualPort:
+    """A virtual line on a pseudo-terminal; an async context manager."""
+
+    def __init__(self, line: VirtualLine, link: str | Path | None) -> None:
+        import pty
+        import tty
+
+        self._line = line
+        self._loop = asyncio.get_running_loop()
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        """What to open."""
+        self._link = None if link is None else Path(link)
+        if self._link is not None:
+            self._link.unlink(missing_ok=True)
+            self._link.symlink_to(self.path)
+        self._loop.add_reader(self._master, self._read)
+        line.hear(self)
+
+    def received(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):  # nobody reads the other side
+            os.write(self._master, data)
+
+    def lost(self, error: Exception | None) -> None:
+        """A pseudo-terminal is not lost."""
+
+    async def aclose(self) -> None:
+        """Take it away: whoever has it open loses the port."""
+        if self._master >= 0:
+            self._line.hear(None)
+            self._loop.remove_reader(self._master)
+            os.close(self._master)
+            os.close(self._slave)
+            self._master = -1
+            if self._link is not None:
+                self._link.unlink(missing_ok=True)
+
+    async def __aenter__(self) -> VirtualPort:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+    def _read(self) -> None:
+        data = os.read(self._master, 4096)
+        if self._speaks_our_rate():
+            self._line.transmit(data, self._loop.time())
+
+    def _speaks_our_rate(self) -> bool:
+        """Whether the other side is set to the line's baud rate, as far as its name is a standard one."""
+        import termios
+
+        speed = termios.tcgetattr(self._slave)[5]
+        ours = getattr(termios, f"B{self._line.line.baudrate}", None)
+        return ours is None or speed == ours

@@ -1,0 +1,1 @@
+"""The drives, as axes."""

@@ -1,0 +1,273 @@
+"""What all axes share for those who use them: units, limits, and the verbs.
+
+A verb acts when it is called: it checks its arguments, joins the axis' queue and returns a handle. A stop overtakes
+the queue and is carried out by the owner, whatever becomes of who asked for it.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle
+from rs485bus.bus.motion import Motion
+from rs485bus.bus.watch import Watchdog
+from rs485bus.devices.conduct import Conduct, Look, Pace
+from rs485bus.devices.move import Move
+from rs485bus.errors import EmergencyStopped, LimitExceeded, MoveCancelled
+
+T = TypeVar("T")
+
+
+class Axis(Conduct):
+    """One motor.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
+        reverse: whether positive is the other way round.
+        limits: lowest and highest position that may be gone to, in units; None for no limit.
+        rpm: the speed of moves that name none.
+        acceleration: the acceleration of moves that name none, in rpm/s.
+        tolerance: counts of the drive by which a position may differ from another that is to be the same.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        attached: Attached,
+        motion: Motion,
+        name: str,
+        *,
+        units_per_turn: float,
+        reverse: bool,
+        limits: tuple[float, float] | None,
+        rpm: float,
+        acceleration: float,
+        tolerance: int,
+    ) -> None:
+        if not units_per_turn > 0:
+            raise ValueError(f"units_per_turn {units_per_turn} is not above 0; use reverse=True to turn the other way")
+        if limits is not None and limits[0] > limits[1]:
+            raise ValueError(f"limits {limits} are the wrong way round: (lowest, highest)")
+        super().__init__(bus, attached, motion, name, tolerance)
+        self.units_per_turn = units_per_turn
+        self.reverse = reverse
+        self.limits = limits
+        self.rpm = rpm
+        self.acceleration = acceleration
+        self._planned: float | None = None
+        """Where the queue will have taken it, in units, if that is known."""
+        self._pace(None, None)
+
+    def __repr__(self) -> str:
+        return f"<{self.name}>"
+
+    # Verbs
+
+    def enable(self) -> Handle[None]:
+        """Energise the motor, so that it holds its position and takes moves.
+
+        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
+        """
+        self._orders.forgive()
+        return self._order("enable", self._carry_out_enable)
+
+    def disable(self) -> Handle[None]:
+        """Let go of the shaft, once what is queued before it is done and the motor stands. It can then be turned."""
+        return self._order("disable", self._carry_out_disable)
+
+    def move_to(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go to a position.
+
+        Args:
+            position: in the axis' units.
+            rpm: the speed, above 0.
+            acceleration: in rpm/s; infinity for a jump.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+        """
+        pace = self._pace(rpm, acceleration)
+        target = self._to_counts(position)
+        self._check_target(target)
+        move = self._new_move(f"move to {position:g}", position)
+        self._planned = position
+        self._orders.add(move, lambda: self._move(move, lambda _: target, pace))
+        return move
+
+    def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go a distance: from the target of the last move if that was reached, else from where the axis stands.
+
+        It is sent as an absolute target, so that it happens once, however often it must be said. Arguments and errors
+        as for `move_to`.
+        """
+        pace = self._pace(rpm, acceleration)
+        way = self._to_counts(distance)
+        if self._planned is not None:
+            self._check_target(self._to_counts(self._planned + distance))
+        move = self._new_move(f"move by {distance:g}", None)
+        self._planned = None if self._planned is None else self._planned + distance
+
+        def target(look: Look) -> int:
+            start = look.position if self._commanded is None else self._commanded
+            self._check_target(start + way)
+            move.target = self._to_units(start + way)
+            return start + way
+
+        self._orders.add(move, lambda: self._move(move, target, pace))
+        return move
+
+    def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
+        """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
+
+        Args:
+            rpm: the speed; its sign is the direction, and 0 slows down to a stand.
+            acceleration: in rpm/s; infinity for a jump.
+            duration: seconds; None to go on until told otherwise.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+        """
+        pace = self._pace(abs(rpm) or None, acceleration)
+        ticks = None if duration is None else self._ticks(duration)
+        signed = self._sign * (pace.rpm if rpm > 0 else -pace.rpm if rpm < 0 else 0.0)
+        move = self._new_move(f"run at {rpm:g} rpm", None)
+        self._planned = None
+        self._orders.add(move, lambda: self._run(move, signed, pace, duration, ticks))
+        return move
+
+    def set_zero(self) -> Handle[None]:
+        """Make the position at which the axis then stands its zero."""
+        handle = self._order("set_zero", self._carry_out_zero)
+        self._planned = 0.0
+        return handle
+
+    def stop(self) -> Handle[None]:
+        """Stop with the ramp of the running move, see that it stands, and drop what is queued.
+
+        It happens at once, whether the handle is awaited or not, and is repeated until it is confirmed; from the
+        second time on as an emergency stop.
+        """
+        return self._stop_now(emergency=False)
+
+    def emergency_stop(self) -> Handle[None]:
+        """Stop as fast as the drive can, see that it stands, and drop what is queued."""
+        return self._stop_now(emergency=True)
+
+    def watchdog(self, timeout: float, *, lease: float | None = None) -> Watchdog:
+        """Guard the axis by its drive's own watchdog while a block runs. As `Bus.watchdog`."""
+        return self.bus.watchdog(self, timeout=timeout, lease=lease)
+
+    # Questions
+
+    async def position(self) -> float:
+        """Where the axis is, in its units."""
+        return self._to_units(await self._read_position())
+
+    async def velocity(self) -> float:
+        """How fast the motor turns, in rpm."""
+        return self._sign * await self._read_velocity()
+
+    async def idle(self) -> bool:
+        """Whether nothing is queued and the motor stands."""
+        return self._orders.idle and not (await self._look()).moving
+
+    async def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target."""
+        await self._orders.drain()
+
+    # What families do
+
+    @property
+    @abstractmethod
+    def target_range(self) -> tuple[int, int]:
+        """The lowest and highest absolute target that the drive can be given, in counts."""
+
+    @abstractmethod
+    def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
+        """What the drive makes of a speed and an acceleration; None for the axis' own.
+
+        Raises:
+            LimitExceeded: it cannot do that.
+        """
+
+    @abstractmethod
+    def _ticks(self, duration: float) -> int:
+        """How a duration, in seconds, is said to the drive. Raises `LimitExceeded`."""
+
+    @abstractmethod
+    async def _read_position(self) -> int:
+        """Where it is, in counts."""
+
+    # Inside
+
+    @property
+    def _sign(self) -> int:
+        return -1 if self.reverse else 1
+
+    def _to_counts(self, units: float) -> int:
+        return self._sign * round(units / self.units_per_turn * self.counts_per_turn)
+
+    def _to_units(self, counts: int) -> float:
+        return self._sign * counts / self.counts_per_turn * self.units_per_turn
+
+    def _check_target(self, counts: int) -> None:
+        """Raise `LimitExceeded` for a target that the limits or the drive's register do not allow."""
+        position = self._to_units(counts)
+        slack = self.units_per_turn / self.counts_per_turn
+        if self.limits is not None and not self.limits[0] - slack <= position <= self.limits[1] + slack:
+            low, high = self.limits
+            raise LimitExceeded(f"{self.name}: position {position:g} is outside its limits {low:g}..{high:g}.")
+        low_counts, high_counts = self.target_range
+        if not low_counts <= counts <= high_counts:
+            ends = sorted((self._to_units(low_counts), self._to_units(high_counts)))
+            raise LimitExceeded(
+                f"{self.name}: position {position:g} is outside {ends[0]:g}..{ends[1]:g}, which is what the drive can "
+                "be told. Go there in steps, each from a new zero: set_zero()."
+            )
+
+    def _new_move(self, what: str, target: float | None) -> Move:
+        self._check_ready()
+        return Move(f"{what} of {self.name}", target, self.position, self._cancel_move, self._unseen)
+
+    def _order(self, what: str, carry_out: Callable[[], Awaitable[T]]) -> Handle[T]:
+        """Queue a command that is no move."""
+        self._check_ready()
+        handle: Handle[T] = Handle(f"{what} of {self.name}", self._unseen)
+        self._orders.add(handle, carry_out)
+        return handle
+
+    def _check_ready(self) -> None:
+        if self.bus.latched:
+            raise EmergencyStopped(
+                f"{self.name}: the bus is latched by an emergency stop. clear_emergency_stop(), then enable() the axis."
+            )
+        self._orders.check()
+
+    async def _move(self, move: Move, target: Callable[[Look], int], pace: Pace) -> float:
+        return self._to_units((await self._carry_out(move, target, pace)).position)
+
+    async def _run(self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None) -> float:
+        await self._carry_out_run(move, rpm, pace, duration, ticks)
+        return await self.position()
+
+    def _cancel_move(self, move: Move) -> None:
+        cancelled = MoveCancelled(f"{move.what} was cancelled.")
+        self._forget_plans()
+        if not self._orders.remove(move, cancelled) and self._orders.current is move:
+            move.fail(cancelled)
+            self.stop()
+
+    def _unseen(self, handle: Handle[Any]) -> None:
+        if not isinstance(handle.error, MoveCancelled):
+            self.bus.unseen(handle)
+
+    def _forget_plans(self) -> None:
+        self._planned = None

@@ -1,0 +1,396 @@
+"""How the moves of one axis are carried out, exactly once. What families differ in is left to them.
+
+Positions here are counts of the drive. Before a move, and before its repetition, position and enable state are known;
+a jump that cannot be explained (a drive that restarted counts from zero) ends the trust in positions.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import anyio
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.guarding import arm
+from rs485bus.bus.handle import Handle, settle
+from rs485bus.bus.job import Job
+from rs485bus.bus.motion import Motion
+from rs485bus.bus.stopping import Halted
+from rs485bus.devices.move import Move, MoveState
+from rs485bus.devices.orders import Orders
+from rs485bus.errors import (
+    DeviceOffline,
+    MotionError,
+    MoveCancelled,
+    MoveFailed,
+    MoveTimeout,
+    NoReply,
+    NotEnabled,
+    NotSent,
+    OutcomeUnknown,
+    RearmRequired,
+    ReferenceLost,
+    RequestFailed,
+    StopUnconfirmed,
+)
+from rs485bus.profile import Profile
+
+T = TypeVar("T")
+
+_ATTEMPTS = 3
+_POLL_SHORTEST, _POLL_LONGEST = 0.01, 0.05
+_FRESH = 0.25
+"""Seconds for which what was seen of a standing axis is taken to hold."""
+_SPEED_TOLERANCE = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What a drive said of its axis."""
+
+    at: float
+    """When it was asked, on the event loop's clock."""
+    position: int
+    moving: bool
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How fast a move goes: what the drive makes of what was asked for, and how that is said to it."""
+
+    rpm: float
+    acceleration: float
+    """rpm/s; infinity for a jump."""
+    speed_code: int
+    ramp_code: int
+
+
+class Conduct(ABC):
+    """One axis, as moves are carried out on it.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+        tolerance: counts by which a position may differ from another that is to be the same.
+    """
+
+    counts_per_turn: int
+
+    def __init__(self, bus: Bus, attached: Attached, motion: Motion, name: str, tolerance: int) -> None:
+        self.bus = bus
+        self.attached = attached
+        self.motion = motion
+        self.name = name
+        self.tolerance = tolerance
+        self._orders = Orders(bus, name, self._forget_plans)
+        self._commanded: int | None = None
+        """The target of the last move, if it was reached and nothing happened since."""
+        self._seen: Look | None = None
+        """How it was last seen standing, if nothing happened since."""
+        self._enabled: bool | None = None
+        self._lost = ""
+        """Why its positions are not to be trusted."""
+        self._blocked = ""
+        """Why it moves only after `enable()`."""
+        self._running = False
+        """It was told to keep a speed."""
+        self._stands = asyncio.Event()
+
+    # What families do
+
+    @abstractmethod
+    async def _look(self, *, quick: bool = False) -> Look:
+        """Ask the drive where the axis is, whether it moves and, unless it is to be `quick`, whether it is enabled."""
+
+    @abstractmethod
+    def _forget_plans(self) -> None:
+        """What is queued will not be carried out as it was planned."""
+
+    @abstractmethod
+    async def _read_velocity(self) -> float:
+        """rpm, in the drive's direction."""
+
+    @abstractmethod
+    async def _send_move(self, target: int, pace: Pace) -> None:
+        """Start a move to an absolute target. Raises `OutcomeUnknown` if nobody knows whether it started."""
+
+    @abstractmethod
+    async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
+        """Change to a speed, in the drive's direction, perhaps for a time. Raises as `_send_move`."""
+
+    @abstractmethod
+    async def _send_enable(self, on: bool) -> None:
+        """Energise the motor, or let go of it."""
+
+    @abstractmethod
+    async def _send_zero(self) -> None:
+        """Make the position at which it stands the drive's zero."""
+
+    @abstractmethod
+    async def _why(self, look: Look, target: int) -> MotionError:
+        """Why it stands where it should not, from what the drive reports."""
+
+    # Moves
+
+    async def _carry_out(self, move: Move, target_from: Callable[[Look], int], pace: Pace) -> Look:
+        """A move to a target, from start to arrival."""
+        move.rpm, move.acceleration = pace.rpm, pace.acceleration
+        before = await self._prepare()
+        target = target_from(before)
+        turns = abs(target - before.position) / self.counts_per_turn
+        seconds = Profile(turns, pace.rpm, pace.acceleration).duration
+        self._forget()
+        move.state = MoveState.STARTING
+        await self._begin(move, before, target, lambda: self._send_move(target, pace))
+        move.state = MoveState.MOVING
+        assert move.started_at is not None
+        move.eta = move.started_at + seconds
+        look = await self._arrive(move, seconds, lambda look: self._near(look.position, target))
+        if not self._near(look.position, target):
+            raise await self._why(look, target)
+        self._commanded, self._seen = target, look
+        return look
+
+    async def _carry_out_run(
+        self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None
+    ) -> None:
+        """A run at a speed, until that is reached; one for a time until the motor stands again."""
+        move.rpm, move.acceleration = abs(rpm), pace.acceleration
+        before = await self._prepare(standing=False)
+        ramp = 0.0 if pace.acceleration == float("inf") else 2 * pace.rpm / pace.acceleration
+        self._forget()
+        move.state = MoveState.STARTING
+        await self._begin(move, before, None, lambda: self._send_run(rpm, pace, ticks))
+        move.state = MoveState.MOVING
+        assert move.started_at is not None
+        self._running = rpm != 0
+        if duration is not None or rpm == 0:
+            seconds = ramp + (duration or 0.0)
+            move.eta = move.started_at + seconds
+            await self._arrive(move, seconds, lambda _: True)
+            self._running = False
+            return
+        move.eta = move.started_at + ramp
+        close = max(2.0, _SPEED_TOLERANCE * abs(rpm))
+        while abs(await self._read_velocity() - rpm) > close:
+            if self.bus.now() > move.started_at + 2 * ramp + 1:
+                raise self._too_late(move)
+            await anyio.sleep(_POLL_LONGEST)
+
+    async def _prepare(self, *, standing: bool = True) -> Look:
+        """Know where the axis is and that it may be moved."""
+        self._check_rearm()
+        if self._lost and standing:
+            raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
+        if self._running and standing:
+            await self._stand_still()
+        seen = self._seen
+        if seen is not None and self.bus.now() - seen.at < _FRESH:
+            return seen
+        look = await self._look()
+        if look.moving and standing:
+            await self._stand_still()
+            look = await self._look()
+        self._check_reference(look, seen)
+        if not look.enabled:
+            raise NotEnabled(f"{self.name} is not enabled: enable() it first.")
+        self._enabled = True
+        return look
+
+    def _check_reference(self, look: Look, seen: Look | None) -> None:
+        """Notice what cannot be explained since the axis was last seen standing."""
+        if self._enabled and not look.enabled:
+            self._lost = "its motor is not enabled any more, and nobody disabled it: the drive may have restarted."
+        elif seen is not None and not self._near(seen.position, look.position):
+            self._lost = (
+                f"it stands {look.position - seen.position} counts from where it stood, and nobody moved it: "
+                "the drive may have restarted."
+            )
+        else:
+            return
+        self._enabled = look.enabled
+        self._forget()
+        raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
+
+    async def _begin(self, move: Move, before: Look, target: int | None, send: Callable[[], Awaitable[None]]) -> None:
+        """Send the start of a move until it is known that the drive took it, once."""
+        for attempt in range(_ATTEMPTS):
+            move.started_at = self.bus.now()
+            try:
+                await send()
+                return
+            except OutcomeUnknown as unknown:
+                try:
+                    if await self._took(before, target):
+                        return
+                except RequestFailed:
+                    await self._block(f"nobody knows whether its last move started ({unknown})")
+                    raise unknown from None
+                if attempt + 1 == _ATTEMPTS:
+                    raise
+
+    async def _took(self, before: Look, target: int | None) -> bool:
+        """Whether a start was taken whose answer was lost: it moves, or is there already."""
+        look = await self._look()
+        if look.moving or (target is not None and self._near(look.position, target)):
+            return True
+        self._check_reference(look, before)
+        return False
+
+    async def _arrive(self, move: Move, seconds: float, arrived: Callable[[Look], bool]) -> Look:
+        """Wait until the motor stands; look when it should, not all the time."""
+        assert move.started_at is not None
+        late = move.started_at + 2 * seconds + 1
+        grace = move.started_at + self.attached.start_grace
+        pause = min(max(seconds / 50, _POLL_SHORTEST), _POLL_LONGEST)
+        self._stands.clear()
+        with anyio.move_on_after(max(0.0, seconds + move.started_at - self.bus.now())):
+            await self._stands.wait()
+        while True:
+            try:
+                look = await self._look(quick=True)
+            except NoReply:
+                look = None
+            except DeviceOffline as error:
+                self._lost = "its drive stopped answering and may have restarted."
+                await self._block(f"its drive stopped answering during {move.what}")
+                raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
+            if look is not None and not look.moving and (arrived(look) or look.at > grace):
+                self.motion.stands(look.at)
+                return look
+            if self.bus.now() > late:
+                raise self._too_late(move)
+            await anyio.sleep(pause)
+
+    def _too_late(self, move: Move) -> MoveTimeout:
+        self._halt(emergency=False)
+        return MoveTimeout(f"{self.name}: {move.what} takes more than twice its time, and a second. It was stopped.")
+
+    # Enabling
+
+    async def _carry_out_enable(self) -> None:
+        station = self.bus.owner.stations[self.attached.address]
+        if station.locked or self._blocked or station.halt is not None:
+            halted = await self._halted(self._halt(emergency=True))
+            if not halted.standing:
+                raise self._unconfirmed()
+            station.locked = self._blocked = ""
+            if station.rearm is not None:
+                await self._rearm(station.rearm)
+        await self._send_enable(True)
+        look = await self._look()
+        if not look.enabled:
+            raise NotEnabled(f"{self.name} was told to enable its motor, and says that it is not enabled.")
+        if self._enabled and self._seen is not None and not self._near(look.position, self._seen.position):
+            self._lost = "it stands elsewhere than it stood, and nobody moved it."
+        self._enabled = True
+        self._seen = look
+
+    async def _carry_out_disable(self) -> None:
+        if self._running:
+            await self._stand_still()
+        await self._send_enable(False)
+        self._enabled = False
+        self._forget()
+
+    async def _carry_out_zero(self) -> None:
+        if self._running:
+            await self._stand_still()
+        await self._send_zero()
+        self._zeroed(await self._look())
+
+    def _zeroed(self, look: Look) -> None:
+        """The drive counts from zero where it stands: positions can be trusted."""
+        if not self._near(look.position, 0):
+            raise MoveFailed(f"{self.name} was set to zero and reports {look.position} counts.")
+        self._lost = ""
+        self._enabled = look.enabled
+        self._commanded, self._seen = 0, look
+
+    async def _rearm(self, timeout: float) -> None:
+        armed: asyncio.Future[list[Job]] = asyncio.get_running_loop().create_future()
+        self.bus.start(arm(self.bus.owner, [self.attached], timeout), lambda failed: settle(armed, failed))
+        if await armed:
+            raise RearmRequired(f"{self.name}: its watchdog could not be armed again.")
+
+    # Stopping
+
+    def _halt(self, *, emergency: bool) -> asyncio.Future[Halted]:
+        """Have the owner stop it. That happens whether the future is awaited or not."""
+        halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
+        self._forget()
+        self._running = False
+        self.bus.halt(self.attached, self.motion, emergency=emergency, told=lambda ended: settle(halted, ended))
+        return halted
+
+    async def _halted(self, halted: asyncio.Future[Halted]) -> Halted:
+        return await asyncio.shield(halted)
+
+    async def _stand_still(self) -> None:
+        """Stop what it was told before, with its ramp, and see it stand."""
+        halted = await self._halted(self._halt(emergency=False))
+        if not halted.standing:
+            raise self._unconfirmed()
+
+    def _stop_now(self, emergency: bool) -> Handle[None]:
+        handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
+        self._orders.interrupt(MoveCancelled(f"{self.name} was stopped."))
+
+        def told(future: asyncio.Future[Halted]) -> None:
+            if future.result().standing:
+                handle.finish(None)
+            else:
+                handle.fail(self._unconfirmed())
+
+        self._halt(emergency=emergency).add_done_callback(told)
+        self._orders.hold(handle)
+        return handle
+
+    def _unconfirmed(self) -> StopUnconfirmed:
+        self._blocked = "it was told to stop and could not be seen standing"
+        return StopUnconfirmed(
+            f"{self.name} was told to stop and could not be seen standing. Look at the machine; use the hard-wired "
+            "emergency stop. It moves only after enable()."
+        )
+
+    async def _block(self, why: str) -> None:
+        """It is not known what the axis does: stop it, and let it move only after `enable()`."""
+        self._blocked = why
+        await self._halted(self._halt(emergency=True))
+
+    def abandon(self, why: str) -> None:
+        """End everything that is queued. For the bus."""
+        self._orders.interrupt(MoveCancelled(f"{self.name}: {why}."))
+        self._forget()
+
+    def interrupted(self, error: MotionError | NotSent) -> None:
+        """The bus stopped the axis for safety. For the bus."""
+        self._orders.interrupt(error)
+        self._forget()
+
+    def told_standing(self) -> None:
+        """The drive said, unasked by the axis, that it stands: worth a look."""
+        self._stands.set()
+
+    # State
+
+    def _forget(self) -> None:
+        """Something happens to the axis: what was known of where it stands is over."""
+        self._commanded = None
+        self._seen = None
+
+    def _near(self, a: int, b: int) -> bool:
+        return abs(a - b) <= self.tolerance
+
+    def _check_rearm(self) -> None:
+        locked = self.bus.owner.stations[self.attached.address].locked or self._blocked
+        if locked:
+            raise RearmRequired(f"{self.name} moves only after enable(): {locked}.")

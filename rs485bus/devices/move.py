@@ -1,0 +1,104 @@
+"""The handle of one move."""
+
+from __future__ import annotations
+
+import asyncio
+import enum
+from collections.abc import AsyncIterator, Awaitable, Callable
+from types import TracebackType
+from typing import Any, Literal
+
+from rs485bus.bus.handle import Handle
+from rs485bus.errors import MoveCancelled
+
+
+class MoveState(enum.Enum):
+    """How far a move has come."""
+
+    QUEUED = "queued"
+    STARTING = "starting"
+    MOVING = "moving"
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+class Move(Handle[float]):
+    """A move that was asked for. Awaiting it gives the position reached, in the axis' units.
+
+    `async with move:` waits for it at the end of the block, and stops the axis if the block is left by an exception.
+
+    Args:
+        what: names it in messages.
+        target: where it goes, in the axis' units; None where it goes on or the drive decides.
+        position: asks the axis where it is.
+        cancel: stops the axis on behalf of this move.
+        unseen: told of a failure that nobody awaits.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        target: float | None,
+        position: Callable[[], Awaitable[float]],
+        cancel: Callable[[Move], None],
+        unseen: Callable[[Handle[Any]], None],
+    ) -> None:
+        super().__init__(what, unseen)
+        self.target = target
+        self.state = MoveState.QUEUED
+        self.rpm: float | None = None
+        """The speed really used: what the drive can do of what was asked for."""
+        self.acceleration: float | None = None
+        """The acceleration really used, in rpm/s; infinity for a jump."""
+        self.started_at: float | None = None
+        """When its start was sent, on the event loop's clock."""
+        self.eta: float | None = None
+        """When it should be done, on the event loop's clock."""
+        self._position = position
+        self._cancel = cancel
+
+    def finish(self, result: float) -> None:
+        self.state = MoveState.DONE
+        super().finish(result)
+
+    def fail(self, error: Exception) -> None:
+        if not self.done():
+            self.state = MoveState.CANCELLED if isinstance(error, MoveCancelled) else MoveState.FAILED
+        super().fail(error)
+
+    def cancel(self) -> None:
+        """End the move: one that waits leaves the queue, one under way stops the axis. It raises `MoveCancelled`."""
+        if not self.done():
+            self._cancel(self)
+
+    async def positions(self, every: float = 0.1) -> AsyncIterator[float]:
+        """Where the axis is, about every so many seconds until the move has ended; last, where it ended.
+
+        Raises:
+            MotionError: what the move raises.
+        """
+        while not self.done():
+            yield await self._position()
+            ended = asyncio.ensure_future(self.wait())
+            try:
+                await asyncio.wait([ended], timeout=every)
+            finally:
+                if ended.done():
+                    ended.exception()  # it is raised below
+                else:
+                    ended.cancel()
+        yield await self.wait()
+
+    async def __aenter__(self) -> Move:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        if error is None:
+            await self.wait()
+        else:
+            self.cancel()
+            self.seen = True
+        return False

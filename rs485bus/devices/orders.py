@@ -1,0 +1,145 @@
+"""The queue of commands of one axis, and the task that carries them out one after the other."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle
+from rs485bus.errors import MotionError, MoveCancelled, QueueFull
+
+T = TypeVar("T")
+
+MAX_QUEUED = 64
+"""Commands that may wait on one axis."""
+
+
+class Orders:
+    """Commands, in the order in which they were given.
+
+    A command that fails cancels those behind it, and no new one is taken until somebody has seen the failure.
+
+    Args:
+        bus: carries the task.
+        name: the axis, in messages.
+        upset: told when what is queued is not carried out as it was planned.
+    """
+
+    def __init__(self, bus: Bus, name: str, upset: Callable[[], None]) -> None:
+        self._bus = bus
+        self._name = name
+        self._upset = upset
+        self._waiting: deque[tuple[Handle[Any], Callable[[], Awaitable[Any]]]] = deque()
+        self._current: Handle[Any] | None = None
+        self._worker: asyncio.Task[None] | None = None
+        self._failed: Handle[Any] | None = None
+        self._hold: Handle[Any] | None = None
+
+    @property
+    def current(self) -> Handle[Any] | None:
+        """The command that is being carried out."""
+        return self._current
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits or is being carried out."""
+        return self._current is None and not self._waiting
+
+    def check(self) -> None:
+        """Raise what keeps the queue from taking another command."""
+        failed = self._failed
+        if failed is not None and not failed.seen:
+            raise MotionError(
+                f"{self._name} takes no commands: {failed.what} failed ({failed.error}), and nobody has seen it. "
+                "Await that handle, or enable() the axis."
+            ) from failed.error
+        if len(self._waiting) >= MAX_QUEUED:
+            raise QueueFull(f"{MAX_QUEUED} commands wait on {self._name} already. Await some of them first.")
+
+    def add(self, handle: Handle[T], carry_out: Callable[[], Awaitable[T]]) -> None:
+        """Queue a command that was checked."""
+        self._waiting.append((handle, carry_out))
+        if self._worker is None:
+            self._worker = self._bus.spawn(self._work(), f"rs485bus {self._name}")
+
+    def forgive(self) -> None:
+        """Take commands again after a failure that nobody has seen."""
+        self._failed = None
+
+    def hold(self, until: Handle[Any]) -> None:
+        """Begin no other command before that one has ended."""
+        self._hold = until
+
+    def remove(self, handle: Handle[Any], error: Exception) -> bool:
+        """Take a command out that waits. False if it does not."""
+        for entry in self._waiting:
+            if entry[0] is handle:
+                self._waiting.remove(entry)
+                handle.fail(error)
+                return True
+        return False
+
+    def interrupt(self, error: Exception) -> None:
+        """End everything, the command under way included."""
+        worker, self._worker = self._worker, None
+        current, self._current = self._current, None
+        if worker is not None:
+            worker.cancel()
+        if current is not None:
+            current.fail(error)
+        self._cancel_waiting(error)
+
+    async def drain(self) -> None:
+        """Wait until nothing waits or is being carried out."""
+        while self._worker is not None:
+            await asyncio.wait([self._worker])
+        await self._held()
+
+    async def _work(self) -> None:
+        me = asyncio.current_task()
+        try:
+            while self._waiting:
+                if not await self._held():
+                    self._cancel_waiting(MoveCancelled(f"Cancelled: {self._name} was not seen standing before it."))
+                    break
+                handle, carry_out = self._waiting.popleft()
+                self._current = handle
+                try:
+                    result = await carry_out()
+                except Exception as error:
+                    self._current = None
+                    self._failed = handle
+                    handle.fail(error)
+                    self._cancel_waiting(MoveCancelled(f"Cancelled: {handle.what} failed before it ({error})."))
+                else:
+                    self._current = None
+                    handle.finish(result)
+        except asyncio.CancelledError:
+            if self._worker is me:  # not by `interrupt`: the event loop ends
+                self.interrupt(MoveCancelled(f"Cancelled: the event loop of {self._name} ended."))
+            raise
+        finally:
+            if self._worker is me:
+                self._worker = None
+
+    async def _held(self) -> bool:
+        """Wait for the stop that must end first. False if it was not confirmed."""
+        hold, self._hold = self._hold, None
+        if hold is None:
+            return True
+        seen = hold.seen
+        try:
+            await hold.wait()
+        except MotionError:
+            hold.seen = seen  # this is not who is to be told
+            return False
+        return True
+
+    def _cancel_waiting(self, error: Exception) -> None:
+        self._upset()
+        waiting, self._waiting = self._waiting, deque()
+        for handle, _ in waiting:
+            handle.fail(error)

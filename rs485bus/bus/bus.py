@@ -66,6 +66,8 @@ class Bus:
         self._emergency: Handle[EmergencyReport] | None = None
         self._opened_at = self._loop.time()
         self.broadcast = Broadcast(self)
+        self.stopped: list[Halted] = []
+        """How each device that might have moved ended up when the bus was closed."""
 
     # What one does with it
 
@@ -120,6 +122,11 @@ class Bus:
     def latched(self) -> bool:
         """Whether an emergency stop holds."""
         return self._owner.gate.latched
+
+    @property
+    def connected(self) -> bool:
+        """Whether the port is there."""
+        return self._owner.gate.connected and not self._owner.gate.closed
 
     @property
     def stats(self) -> BusStats:
@@ -268,6 +275,10 @@ class Bus:
         task.add_done_callback(self._tasks.discard)
         return task
 
+    def poke(self) -> None:
+        """The owner has something new to wait for."""
+        self._pump()
+
     def after(self, seconds: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
         """Call back after so many seconds."""
         return self._loop.call_later(seconds, callback)
@@ -337,7 +348,8 @@ class Bus:
         self.start(shut_down(self._owner, leave_running), lambda halted: settle(stopped, halted))
         await outlast(stopped)
         deadline.cancel()
-        for halted in stopped.result():
+        self.stopped = stopped.result()
+        for halted in self.stopped:
             if not halted.standing:
                 _log.critical("%s %d was NOT CONFIRMED STANDING when the bus was closed", halted.family, halted.address)
         self._owner.close(self._loop.time())

@@ -128,6 +128,56 @@ def release(owner: Owner, devices: Sequence[Attached], restore: dict[int, int]) 
     return halted
 
 
+class Lease:
+    """An application that is alive says so in time; one that does not has its devices stopped.
+
+    From then on they get nothing but stops until they stand (polls would feed them too), and move only after the
+    lease was renewed and they were enabled again.
+
+    Args:
+        owner: the bus.
+        devices: what is stopped.
+        seconds: how long it holds.
+    """
+
+    def __init__(self, owner: Owner, devices: Sequence[Attached], seconds: float) -> None:
+        self._owner = owner
+        self._devices = devices
+        self._seconds = seconds
+        self._until = 0.0
+        self._running = False
+
+    def renew(self, now: float) -> None:
+        """It holds from now on."""
+        self._until = now + self._seconds
+        for device in self._devices:
+            self._owner.stations[device.address].lapsed = False
+        if not self._running:
+            self._running = True
+            self._owner.at(self._until, self._check)
+
+    def end(self) -> None:
+        """It is not needed any more."""
+        self._until = float("inf")
+        for device in self._devices:
+            self._owner.stations[device.address].lapsed = False
+
+    def _check(self) -> None:
+        owner = self._owner
+        if self._until > owner.now:
+            if self._until < float("inf"):
+                owner.at(self._until, self._check)
+            return
+        self._running = False
+        for device in self._devices:
+            station = owner.stations[device.address]
+            station.lapsed = True
+            station.locked = f"its lease of {self._seconds:g} s was not renewed"
+            owner.muzzle(station)
+            owner.halt(station, device.motion, emergency=False)
+            device.interrupted(0.0, station.locked)
+
+
 def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
     """Stop all that may move, and release all that is armed. Returns how each device ended up.
 

@@ -39,6 +39,9 @@ class Shell(Protocol):
     def now(self) -> float:
         """The time on the bus' clock, in seconds."""
 
+    def poke(self) -> None:
+        """The owner has something new to wait for."""
+
     def after(self, seconds: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
         """Call back after so many seconds."""
 

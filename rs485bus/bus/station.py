@@ -20,6 +20,7 @@ class Station:
         "address",
         "attached",
         "halt",
+        "lapsed",
         "last_read",
         "late",
         "late_reply_window",
@@ -47,6 +48,8 @@ class Station:
         """No frame at all before this time."""
         self.locked = ""
         """Why it moves only after it was enabled again; empty if it need not be."""
+        self.lapsed = False
+        """Its lease was not renewed, nor has it been since."""
         self.rearm: float | None = None
         """The watchdog time, in seconds, to arm it with when it is."""
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.failure import failure
-from rs485bus.bus.guarding import admit_watchdogs, arm, check_watchdog, release
+from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, release
 from rs485bus.bus.handle import outlast, settle
 from rs485bus.bus.shell import Shell
 from rs485bus.bus.stopping import Halted
@@ -51,7 +51,9 @@ class Watchdog:
         self._devices = list({device.address: device for device in devices}.values())
         self._drains = drains
         self.timeout = timeout
-        self.lease = lease
+        if lease is not None and not lease > 0:
+            raise ValueError(f"lease {lease} is not above 0 s")
+        self._lease = None if lease is None else Lease(bus.owner, self._devices, lease)
 
     async def __aenter__(self) -> Watchdog:
         bus, owner = self._bus, self._bus.owner
@@ -67,6 +69,7 @@ class Watchdog:
             if cancelled is not None:
                 raise cancelled
             raise failure(failed[0], bus.flight)
+        self.renew()
         return self
 
     async def __aexit__(
@@ -86,6 +89,12 @@ class Watchdog:
             )
         return False
 
+    def renew(self) -> None:
+        """The application is alive: the lease, if there is one, holds from now on."""
+        if self._lease is not None:
+            self._lease.renew(self._bus.now())
+            self._bus.poke()
+
     def report(self) -> list[WatchReport]:
         """How each device has been fed so far."""
         owner = self._bus.owner
@@ -103,6 +112,8 @@ class Watchdog:
     async def _release(self) -> list[Halted]:
         """Stop, confirm, restore: the bus' own job. However often the caller is cancelled, it waits for it."""
         bus = self._bus
+        if self._lease is not None:
+            self._lease.end()
         released = asyncio.get_running_loop().create_future()
         bus.start(release(bus.owner, self._devices, {}), lambda halted: settle(released, halted))
         bound = bus.after(bus.config.close_timeout, lambda: settle(released, []))

@@ -95,11 +95,16 @@ class Axis(Conduct):
             LimitExceeded: one of them is out of its range; nothing is queued.
         """
         pace = self._pace(rpm, acceleration)
-        target = self._to_counts(position)
-        self._check_target(target)
+        self._check_target(self._to_counts(position))
         move = self._new_move(f"move to {position:g}", position)
         self._planned = position
-        self._orders.add(move, lambda: self._move(move, lambda _: target, pace))
+
+        def target(look: Look) -> int:
+            counts = self._to_counts(position)
+            self._check_target(counts)
+            return counts
+
+        self._orders.add(move, lambda: self._move(move, target, pace))
         return move
 
     def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
@@ -109,7 +114,6 @@ class Axis(Conduct):
         as for `move_to`.
         """
         pace = self._pace(rpm, acceleration)
-        way = self._to_counts(distance)
         if self._planned is not None:
             self._check_target(self._to_counts(self._planned + distance))
         move = self._new_move(f"move by {distance:g}", None)
@@ -117,9 +121,10 @@ class Axis(Conduct):
 
         def target(look: Look) -> int:
             start = look.position if self._commanded is None else self._commanded
-            self._check_target(start + way)
-            move.target = self._to_units(start + way)
-            return start + way
+            counts = start + self._to_counts(distance)
+            self._check_target(counts)
+            move.target = self._to_units(counts)
+            return counts
 
         self._orders.add(move, lambda: self._move(move, target, pace))
         return move

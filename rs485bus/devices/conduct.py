@@ -106,6 +106,10 @@ class Conduct(ABC):
 
     # What families do
 
+    async def _set_up(self) -> None:
+        """Read and write what must be known and right before anything else. Called before each command: be quick
+        where it is done already."""
+
     @abstractmethod
     async def _look(self, *, quick: bool = False) -> Look:
         """Ask the drive where the axis is, whether it moves and, unless it is to be `quick`, whether it is enabled."""
@@ -188,6 +192,7 @@ class Conduct(ABC):
     async def _prepare(self, *, standing: bool = True) -> Look:
         """Know where the axis is and that it may be moved."""
         self._check_rearm()
+        await self._set_up()
         if self._lost and standing:
             raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
         if self._running and standing:
@@ -278,13 +283,16 @@ class Conduct(ABC):
 
     async def _carry_out_enable(self) -> None:
         station = self.bus.owner.stations[self.attached.address]
+        if station.lapsed:
+            raise RearmRequired(f"{self.name} was stopped because {station.locked}: renew() the lease, then enable().")
         if station.locked or self._blocked or station.halt is not None:
-            halted = await self._halted(self._halt(emergency=True))
+            halted = await self._halted(self._halt(emergency=True, motion=self.attached.motion))
             if not halted.standing:
                 raise self._unconfirmed()
             station.locked = self._blocked = ""
             if station.rearm is not None:
                 await self._rearm(station.rearm)
+        await self._set_up()
         await self._send_enable(True)
         look = await self._look()
         if not look.enabled:
@@ -304,6 +312,7 @@ class Conduct(ABC):
     async def _carry_out_zero(self) -> None:
         if self._running:
             await self._stand_still()
+        await self._set_up()
         await self._send_zero()
         self._zeroed(await self._look())
 
@@ -323,12 +332,13 @@ class Conduct(ABC):
 
     # Stopping
 
-    def _halt(self, *, emergency: bool) -> asyncio.Future[Halted]:
-        """Have the owner stop it. That happens whether the future is awaited or not."""
+    def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
+        """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
         halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
         self._forget()
         self._running = False
-        self.bus.halt(self.attached, self.motion, emergency=emergency, told=lambda ended: settle(halted, ended))
+        motion = motion or self.motion
+        self.bus.halt(self.attached, motion, emergency=emergency, told=lambda ended: settle(halted, ended))
         return halted
 
     async def _halted(self, halted: asyncio.Future[Halted]) -> Halted:

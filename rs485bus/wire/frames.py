@@ -27,8 +27,9 @@ MAX_FRAME = 256
 """The longest frame on the pair, address and CRC included (Modbus over Serial Line V1.02, 2.5.1)."""
 EXCEPTION_LENGTH = 5
 
-READ_HOLDING, READ_INPUT, WRITE_SINGLE, WRITE_MULTIPLE = 3, 4, 6, 16
-_READS = frozenset({1, 2, READ_HOLDING, READ_INPUT, 7, 11, 12, 17, 20, 24, 43})
+READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT = 1, 2, 3, 4
+WRITE_COIL, WRITE_SINGLE, WRITE_COILS, WRITE_MULTIPLE, MASK_WRITE, READ_WRITE = 5, 6, 15, 16, 22, 23
+_READS = frozenset({READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT, 7, 11, 12, 17, 20, 24, 43})
 
 Sizer = Callable[[bytes], int]
 """Tells the length of a reply from its first bytes; 0 while that cannot be told yet."""
@@ -143,17 +144,33 @@ def from_pdu(address: int, pdu: ModbusPDU, reply: type[ModbusPDU]) -> Request:
     """Any request of pymodbus, answered by PDUs of the class `reply`."""
     _check_address(address, allow_broadcast=True)
     adu = _encode(address, pdu)
-    fixed: int = reply.rtu_frame_size
-    length = 0 if address == BROADCAST else fixed
+    function = pdu.function_code
+    prefix, length = adu[:2], int(reply.rtu_frame_size)
+    if function in (READ_COILS, READ_DISCRETE):
+        prefix, length = _counted(address, function, (pdu.count + 7) // 8)
+    elif function in (READ_HOLDING, READ_INPUT):
+        prefix, length = _counted(address, function, 2 * pdu.count)
+    elif function == READ_WRITE:
+        prefix, length = _counted(address, function, 2 * int.from_bytes(adu[4:6], "big"))
+    elif function in (WRITE_COIL, WRITE_SINGLE, WRITE_COILS, WRITE_MULTIPLE):
+        prefix, length = adu[:6], 8
+    elif function == MASK_WRITE:
+        prefix, length = adu[:8], 10
+    silent = address == BROADCAST
     return Request(
         address=address,
-        function=pdu.function_code,
+        function=function,
         adu=adu,
-        prefix=adu[:2],
-        length=length,
-        writes=pdu.function_code not in _READS,
-        sizer=None if address == BROADCAST or fixed else reply.calculateRtuFrameSize,
+        prefix=prefix,
+        length=0 if silent else length,
+        writes=function not in _READS,
+        sizer=None if silent or length else reply.calculateRtuFrameSize,
     )
+
+
+def _counted(address: int, function: int, size: int) -> tuple[bytes, int]:
+    """How a reply begins that tells its `size` data bytes, and how long it is."""
+    return bytes((address, function, size)), 5 + size
 
 
 class _WriteBytes(WriteMultipleRegistersRequest):
@@ -173,8 +190,7 @@ def _read(pdu: type[ModbusPDU], address: int, register: int, count: int) -> Requ
     _check_window(address, register, count, allow_broadcast=False)
     function: int = pdu.function_code
     adu = _encode(address, pdu(address=register, count=count))
-    prefix = bytes((address, function, 2 * count))
-    return Request(address, function, adu, prefix, 5 + 2 * count, writes=False)
+    return Request(address, function, adu, *_counted(address, function, 2 * count), writes=False)
 
 
 def _write_block(address: int, register: int, pdu: ModbusPDU, hidden_refusal: bool) -> Request:

@@ -1,0 +1,112 @@
+"""The commands and their options."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine, Iterator
+from typing import Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from rs485bus import __version__
+from rs485bus.cli.demo import run_demo
+from rs485bus.cli.serve import serve
+from rs485bus.errors import BusError
+
+app = typer.Typer(
+    name="rs485bus",
+    help="Motor drives that share one RS-485 pair.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+_console = Console(highlight=False)
+_errors = Console(stderr=True, highlight=False)
+
+_INTERRUPTED = 130
+
+Port = Annotated[
+    Optional[str],  # noqa: UP045 - typer reads it
+    typer.Option(help="A serial port, or a gateway: socket://host:port. Without, a virtual plant."),
+]
+Baudrate = Annotated[int, typer.Option(min=300, max=4_000_000, help="bit/s")]
+Mks = Annotated[
+    Optional[list[int]],  # noqa: UP045 - typer reads it
+    typer.Option("--mks", min=1, max=247, help="The address of an MKS drive; once for each."),
+]
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what the bus notices.")] = False,
+) -> None:
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.ERROR, format="%(levelname)s %(message)s", force=True
+    )
+    logging.getLogger("asyncio").setLevel(logging.WARNING)
+    logging.getLogger("pymodbus").setLevel(logging.WARNING)
+    if version:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command()
+def demo(
+    port: Port = None,
+    baudrate: Baudrate = 38400,
+    mks: Mks = None,
+) -> None:
+    """Home some drives, move them, watch them, stop: on a virtual plant, or on real drives."""
+    addresses = _addresses(mks)
+    _run(lambda: run_demo(port, baudrate, addresses, _console))
+
+
+@app.command()
+def sim(
+    baudrate: Baudrate = 38400,
+    mks: Mks = None,
+    link: Annotated[
+        Optional[str],  # noqa: UP045 - typer reads it
+        typer.Option(help="Make a symbolic link to the pseudo-terminal here."),
+    ] = None,
+) -> None:
+    """Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted."""
+    addresses = _addresses(mks)
+    _run(lambda: serve(baudrate, addresses, link, _console))
+
+
+def _addresses(mks: list[int] | None) -> list[int]:
+    addresses = mks or [1, 2, 3]
+    if len(set(addresses)) < len(addresses):
+        _errors.print(f"[red]An address is given twice: {', '.join(map(str, addresses))}.[/red]")
+        raise typer.Exit(2)
+    return addresses
+
+
+def _run(make: Callable[[], Coroutine[Any, Any, int]]) -> None:
+    """Run a coroutine to its exit code; say what went wrong in words."""
+    try:
+        code = asyncio.run(make())
+    except KeyboardInterrupt:
+        raise typer.Exit(_INTERRUPTED) from None
+    except (BusError, ValueError, ExceptionGroup) as error:
+        causes = list(_causes(error))
+        if not all(isinstance(cause, BusError | ValueError) for cause in causes):
+            raise
+        for text in dict.fromkeys(f"[red]{type(cause).__name__}:[/red] {escape(str(cause))}" for cause in causes):
+            _errors.print(text)
+        raise typer.Exit(1) from None
+    raise typer.Exit(code)
+
+
+def _causes(error: Exception) -> Iterator[Exception]:
+    """The errors in a group of groups."""
+    if isinstance(error, ExceptionGroup):
+        for inner in error.exceptions:
+            yield from _causes(inner)
+    else:
+        yield error

@@ -106,7 +106,7 @@ class Conduct(ABC):
 
     # What families do
 
-    async def _set_up(self) -> None:
+    async def _set_up(self) -> None:  # noqa: B027 - some families have nothing to set up
         """Read and write what must be known and right before anything else. Called before each command: be quick
         where it is done already."""
 

@@ -89,7 +89,7 @@ class Bus:
         Returns:
             An async context manager. Entering it raises `WatchdogInfeasible` if the devices cannot be fed in time.
         """
-        self._check_thread()
+        self.check_thread()
         return Watchdog(self, [axis.attached for axis in axes], [axis.drain for axis in axes], timeout, lease)
 
     def emergency_stop(self) -> Handle[EmergencyReport]:
@@ -98,7 +98,7 @@ class Bus:
         It happens at once, from any task or signal handler, whether the handle is awaited or not. The report says
         which devices were read to stand.
         """
-        self._check_thread()
+        self.check_thread()
         handle: Handle[EmergencyReport] = Handle("emergency stop")
         self._emergency = handle
         _log.warning("emergency stop")
@@ -113,7 +113,7 @@ class Bus:
         Raises:
             BusError: the report is not there yet.
         """
-        self._check_thread()
+        self.check_thread()
         if self._emergency is not None and not self._emergency.done():
             raise BusError("The emergency stop is still being confirmed: await its handle, then clear it.")
         self._owner.gate.latched = False
@@ -192,7 +192,7 @@ class Bus:
         Raises:
             AddressInUse: there is one already.
         """
-        self._check_thread()
+        self.check_thread()
         attached = member.attached
         station = self._owner.stations[attached.address]
         if station.attached is not None:
@@ -205,7 +205,7 @@ class Bus:
 
     def submit(self, job: Job) -> None:
         """Put a job into the queue; it goes out at once if the wire is free."""
-        self._check_thread()
+        self.check_thread()
         self._owner.submit(job, self._loop.time())
         self._pump()
 
@@ -262,7 +262,7 @@ class Bus:
         told: Callable[[Halted], None],
     ) -> None:
         """Stop a device, or the part of it named, until it is seen standing."""
-        self._check_thread()
+        self.check_thread()
         self._owner.now = self._loop.time()
         halt = self._owner.halt(self._owner.stations[attached.address], motion, emergency=emergency, frames=frames)
         halt.listen(told)
@@ -392,7 +392,8 @@ class Bus:
         finally:
             self._pumping = False
 
-    def _check_thread(self) -> None:
+    def check_thread(self) -> None:
+        """Refuse a call from another thread than the event loop's. Raises `WrongThread`."""
         if threading.get_ident() != self._thread:
             raise WrongThread(
                 "The bus was called from another thread than its event loop's. Use "

@@ -351,6 +351,7 @@ class Conduct(ABC):
             raise self._unconfirmed()
 
     def _stop_now(self, emergency: bool) -> Handle[None]:
+        self.bus.check_thread()
         handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
         self._orders.interrupt(MoveCancelled(f"{self.name} was stopped."))
 

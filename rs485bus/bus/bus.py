@@ -289,8 +289,9 @@ class Bus:
         self._unseen.append(handle)
 
     def failures(self) -> list[Exception]:
-        """The failures that nobody has seen."""
-        return [handle.error for handle in self._unseen if not handle.seen and handle.error is not None]
+        """The failures that nobody has seen, each once."""
+        errors = [handle.error for handle in self._unseen if not handle.seen and handle.error is not None]
+        return list({id(error): error for error in errors}.values())
 
     # The transport
 

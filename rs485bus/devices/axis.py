@@ -64,6 +64,8 @@ class Axis(Conduct):
         self.acceleration = acceleration
         self._planned: float | None = None
         """Where the queue will have taken it, in units, if that is known."""
+        self._exact: float | None = None
+        """Where the last move went, in units, before that was rounded to counts."""
         self._pace(None, None)
 
     def __repr__(self) -> str:
@@ -98,7 +100,7 @@ class Axis(Conduct):
         self._target(position)
         move = self._new_move(f"move to {position:g}", position)
         self._planned = position
-        self._orders.add(move, lambda: self._move(move, lambda _: self._target(position), pace))
+        self._orders.add(move, lambda: self._move(move, lambda _: position, pace))
         return move
 
     def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
@@ -113,10 +115,8 @@ class Axis(Conduct):
         move = self._new_move(f"move by {distance:g}", None)
         self._planned = None if self._planned is None else self._planned + distance
 
-        def target(look: Look) -> int:
-            start = look.position if self._commanded is None else self._commanded
-            move.target = self._to_units(start + self._to_counts(distance))
-            return self._target(move.target)
+        def target(look: Look) -> float:
+            return self._start(look) + distance
 
         self._orders.add(move, lambda: self._move(move, target, pace))
         return move
@@ -250,8 +250,25 @@ class Axis(Conduct):
             )
         self._orders.check()
 
-    async def _move(self, move: Move, target: Callable[[Look], int], pace: Pace) -> float:
-        return self._to_units((await self._carry_out(move, target, pace)).position)
+    def _start(self, look: Look) -> float:
+        """Where a relative move starts: at the last target if that was reached, else where the axis stands."""
+        if self._commanded is None:
+            return self._to_units(look.position)
+        exact = self._exact
+        return (
+            exact
+            if exact is not None and self._to_counts(exact) == self._commanded
+            else self._to_units(self._commanded)
+        )
+
+    async def _move(self, move: Move, position: Callable[[Look], float], pace: Pace) -> float:
+        def target(look: Look) -> int:
+            move.target = position(look)
+            return self._target(move.target)
+
+        look = await self._carry_out(move, target, pace)
+        self._exact = move.target
+        return self._to_units(look.position)
 
     async def _run(self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None) -> float:
         await self._carry_out_run(move, rpm, pace, duration, ticks)

@@ -29,7 +29,8 @@ from tests.shell.support import bus_on, plant, virtual
 
 async def usable(x: MksServo) -> None:
     """The bus and the axis still work."""
-    x.enable()
+    await x.drain()
+    await x.enable()
     before = await x.position()
     assert await x.move_by(0.5) == pytest.approx(before + 0.5)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from rs485bus import BusConfig, open_bus
+from rs485bus.compat import BusClient
 from rs485bus.errors import DeviceRefused, NoReply
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.wire.registers import Repeat
@@ -23,7 +24,8 @@ from pymodbus.datastore import ModbusDeviceContext, ModbusSequentialDataBlock, M
 from pymodbus.server import StartAsyncSerialServer
 
 block = ModbusSequentialDataBlock(1, [700 + at for at in range(50)])
-context = ModbusServerContext(devices={7: ModbusDeviceContext(hr=block)}, single=False)
+coils, inputs = (ModbusSequentialDataBlock(1, [0] * 50) for _ in range(2))
+context = ModbusServerContext(devices={7: ModbusDeviceContext(hr=block, co=coils, di=inputs)}, single=False)
 
 async def main():
     server = asyncio.create_task(StartAsyncSerialServer(context, port=sys.argv[1], baudrate=115200))
@@ -68,8 +70,25 @@ def test_a_pymodbus_slave_behind_our_bus(tmp_path: Path) -> None:
             with pytest.raises(DeviceRefused) as refused:
                 await unit.read_holding_registers(2000, 1)
             assert refused.value.code == 2
+            await every_function_of_pymodbus(BusClient(bus))
 
     asyncio.run(main())
+
+
+async def every_function_of_pymodbus(client: BusClient) -> None:
+    """Replies of all shapes: counted, fixed, variable, echoed."""
+    assert (await client.read_coils(0, count=9, device_id=7)).bits[:9] == [False] * 9
+    assert (await client.read_discrete_inputs(0, count=3, device_id=7)).bits[:3] == [False] * 3
+    await client.write_coil(1, True, device_id=7)
+    await client.write_coils(2, [True, False, True], device_id=7)
+    assert (await client.read_coils(0, count=5, device_id=7)).bits[:5] == [False, True, True, False, True]
+    await client.mask_write_register(address=0, and_mask=0xFF00, or_mask=0x0042, device_id=7)
+    both = await client.readwrite_registers(read_address=0, read_count=2, write_address=20, values=[5], device_id=7)
+    assert both.registers == [(700 & 0xFF00) | 0x42, 701]
+    assert (await client.diag_query_data(b"\x12\x34", device_id=7)).message in (b"\x12\x34", [0x1234], [b"\x12\x34"])
+    assert not (await client.report_device_id(device_id=7)).isError()
+    assert not (await client.read_device_information(device_id=7)).isError()
+    assert not (await client.diag_read_bus_message_count(device_id=7)).isError()
 
 
 @needs("socat", "gcc")

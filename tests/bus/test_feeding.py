@@ -227,6 +227,7 @@ def test_broadcasts_frames_to_others_and_unanswered_frames_never_count() -> None
 def test_an_exception_does_not_count_as_fed() -> None:
     feeding_rig = Rig(SimUnit(1, BANK), config=QUICK)
     feeding_rig.owner.feeding.arm(watch(1, heard_at=100.0))
+    feeding_rig.run(0.1)
     feeding_rig.done(feeding_rig.submit(read_holding(1, 900, 1)))
     armed = feeding_rig.owner.feeding.get(1)
     assert armed is not None

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rs485bus.sim import Machine, SimMks, VirtualLine
-from tests.real.support import posix, running
+from tests.real.support import in_real_time, posix, running
 
 COMMAND = (sys.executable, "-m", "rs485bus")
 
@@ -67,7 +67,7 @@ def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_p
         assert b"0 of them before t3.5" in output
         assert process.returncode == 130
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 @posix
@@ -91,4 +91,4 @@ def test_ctrl_c_in_the_demo_stops_every_axis_and_says_so() -> None:
             assert not any(sim.moving(loop.time()) for sim in sims)
             assert [sim.watchdog_ms for sim in sims] == [0, 0]
 
-    asyncio.run(main())
+    in_real_time(main)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import shutil
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,6 +23,11 @@ def needs(*programs: str) -> pytest.MarkDecorator:
 
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals on Windows")
+
+
+def in_real_time(main: Callable[[], Coroutine[Any, Any, None]], within: float = 60.0) -> None:
+    """Run a test that needs real time, and give up on it rather than hang."""
+    asyncio.run(asyncio.wait_for(main(), within))
 
 
 async def run(*command: str, within: float = 20.0) -> str:

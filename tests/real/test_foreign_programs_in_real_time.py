@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from rs485bus import BusConfig, open_bus
+from rs485bus import Bus, BusConfig, open_bus
 from rs485bus.compat import BusClient
-from rs485bus.errors import DeviceRefused, NoReply
+from rs485bus.errors import DeviceRefused, NoReply, PortNotFound
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.wire.registers import Repeat
-from tests.real.support import needs, null_modem, posix, run, running
+from tests.real.support import in_real_time, needs, null_modem, posix, run, running
 
 pytestmark = posix
 
@@ -51,7 +51,7 @@ def test_mbpoll_reads_and_writes_a_virtual_line() -> None:
             status = await run(*common, "-a", "1", "-t", "3", "-r", str(0xF1), port.path)
             assert re.findall(r"\[\d+\]:\s+(\d+)", status) == ["1"]
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 @needs("socat")
@@ -72,7 +72,7 @@ def test_a_pymodbus_slave_behind_our_bus(tmp_path: Path) -> None:
             assert refused.value.code == 2
             await every_function_of_pymodbus(BusClient(bus))
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 async def every_function_of_pymodbus(client: BusClient) -> None:
@@ -118,7 +118,7 @@ def test_a_libmodbus_slave_behind_our_bus(tmp_path: Path) -> None:
             polls = [await unit.read_holding_registers(0, 4) for _ in range(50)]
             assert polls == [[500, 9, 8, 7]] * 50
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def free_port() -> int:
@@ -127,16 +127,13 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-async def gateway_is_up(port: int) -> None:
-    for _ in range(100):
+async def connected(port: int) -> Bus:
+    """A bus through a gateway that is coming up."""
+    for _ in range(200):
         try:
-            _, writer = await asyncio.open_connection("127.0.0.1", port)
-        except OSError:
+            return await open_bus(f"socket://127.0.0.1:{port}", baudrate=38400)
+        except PortNotFound:
             await asyncio.sleep(0.05)
-        else:
-            writer.close()
-            await asyncio.sleep(0.1)
-            return
     raise AssertionError("the gateway did not come up")
 
 
@@ -160,14 +157,14 @@ def test_rtu_over_tcp_through_a_gateway(gateway: str, tmp_path: Path) -> None:
                 )
                 command = ("ser2net", "-n", "-c", str(config))
             async with running(*command):
-                await gateway_is_up(port)
-                async with open_bus(f"socket://127.0.0.1:{port}", baudrate=38400) as bus:
-                    assert await bus.unit(3).read_holding_registers(2, 2) == [102, 103]
-                    await bus.unit(3).write_register(5, 55)
-                    values = await asyncio.gather(*(bus.unit(3).read_holding_registers(at) for at in range(6)))
-                    assert values == [[100], [101], [102], [103], [104], [55]]
+                bus = await connected(port)
+                assert await bus.unit(3).read_holding_registers(2, 2) == [102, 103]
+                await bus.unit(3).write_register(5, 55)
+                values = await asyncio.gather(*(bus.unit(3).read_holding_registers(at) for at in range(6)))
+                assert values == [[100], [101], [102], [103], [104], [55]]
+                await bus.aclose()
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_gateway_that_closes_the_connection_is_an_unplugged_port() -> None:
@@ -198,7 +195,7 @@ def test_a_gateway_that_closes_the_connection_is_an_unplugged_port() -> None:
         await asyncio.sleep(0.05)
         server.close()
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_request_that_could_not_be_sent_in_its_time_does_not_arrive_later() -> None:
@@ -226,7 +223,7 @@ def test_a_request_that_could_not_be_sent_in_its_time_does_not_arrive_later() ->
         await asyncio.sleep(0.05)
         server.close()
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_no_gateway_is_told_at_once() -> None:
@@ -234,4 +231,4 @@ def test_no_gateway_is_told_at_once() -> None:
         with pytest.raises(Exception, match="refused the connection"):
             await open_bus(f"socket://127.0.0.1:{free_port()}")
 
-    asyncio.run(main())
+    in_real_time(main)

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from rs485bus.sim import SimMks, VirtualLine
-from tests.real.support import posix, running
+from tests.real.support import in_real_time, posix, running
 
 pytestmark = posix
 
@@ -47,7 +47,7 @@ def test_ctrl_c_stops_every_axis_and_turns_the_watchdogs_off(presses: int) -> No
             assert [sim.watchdog_ms for sim in sims] == [0, 0]
             assert [sim.trips for sim in sims] == [[], []]
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_process_that_is_killed_leaves_the_drives_to_their_watchdogs() -> None:
@@ -63,4 +63,4 @@ def test_a_process_that_is_killed_leaves_the_drives_to_their_watchdogs() -> None
             assert not any(sim.moving(loop.time()) for sim in sims)
             assert any(sim.trips for sim in sims)
 
-    asyncio.run(main())
+    in_real_time(main)

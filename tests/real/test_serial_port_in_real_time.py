@@ -17,7 +17,7 @@ from rs485bus.errors import NoReply, PortBusy, PortError, PortPermissionDenied
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.transport import serial as serial_transport
 from rs485bus.wire.timing import LineSettings
-from tests.real.support import posix
+from tests.real.support import in_real_time, posix
 
 pytestmark = posix
 
@@ -38,7 +38,7 @@ def test_an_axis_moves_over_a_real_port() -> None:
             assert sim.watchdog_ms == 0
         assert line.pair.early_frames == 0
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_port_that_is_in_use_says_by_whom() -> None:
@@ -48,7 +48,7 @@ def test_a_port_that_is_in_use_says_by_whom() -> None:
             with pytest.raises(PortBusy, match=rf"in use by .*\(process {os.getpid()}\)"):
                 await open_bus(port.path, baudrate=115200)
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_port_that_may_not_be_opened_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +78,7 @@ def test_the_wrong_baud_rate_is_no_reply_and_the_message_names_it() -> None:
             with pytest.raises(NoReply, match="baud rate"):
                 await bus.unit(1).read_holding_registers(0)
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_port_that_vanishes_is_opened_again(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_a_port_that_vanishes_is_opened_again(tmp_path: Path) -> None:
             assert await asyncio.wait_for(reading, 5) == [104]
         await port.aclose()
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def test_a_file_descriptor_above_1023_works_and_does_not_spin() -> None:
             await asyncio.sleep(0.3)
             assert time.process_time() - used < 0.15
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_closing_does_not_block_although_nobody_reads_the_other_end() -> None:
@@ -142,7 +142,7 @@ def test_closing_does_not_block_although_nobody_reads_the_other_end() -> None:
             with pytest.raises(NoReply):
                 await asking
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_an_opening_that_is_cancelled_leaves_the_port_free() -> None:
@@ -160,7 +160,7 @@ def test_an_opening_that_is_cancelled_leaves_the_port_free() -> None:
             async with open_bus(port.path, baudrate=115200) as bus:
                 assert await bus.unit(1).read_holding_registers(3) == [103]
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_driver_that_cannot_switch_the_direction_says_so() -> None:
@@ -170,7 +170,7 @@ def test_a_driver_that_cannot_switch_the_direction_says_so() -> None:
             with pytest.raises(PortError, match="Leave rs485_direction off"):
                 await open_bus(port.path, baudrate=115200, config=BusConfig(rs485_direction=True))
 
-    asyncio.run(main())
+    in_real_time(main)
 
 
 def test_a_slow_latency_timer_is_warned_of_with_the_command_that_mends_it(
@@ -186,7 +186,7 @@ def test_a_slow_latency_timer_is_warned_of_with_the_command_that_mends_it(
             pass
 
     with caplog.at_level(logging.WARNING):
-        asyncio.run(main())
+        in_real_time(main)
     assert "only every 16 ms" in caplog.text
     assert f"echo 1 | sudo tee {timer}" in caplog.text
 
@@ -199,5 +199,5 @@ def test_settings_that_a_port_does_not_have_are_told() -> None:
             with pytest.raises(PortError, match="9600 bit/s, 8E1"):
                 await open_bus(port.path, baudrate=9600, parity="E")
 
-    asyncio.run(main())
+    in_real_time(main)
     assert LineSettings(baudrate=9600, parity="E").character == 11 / 9600

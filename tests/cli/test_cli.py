@@ -49,6 +49,28 @@ def test_wrong_input_is_told_in_words(arguments: tuple[str, ...], said: str) -> 
     assert "Traceback" not in result.stderr
 
 
+def test_verify_watchdog_asks_before_it_moves_anything() -> None:
+    result = subprocess.run(
+        (*COMMAND, "verify-watchdog", "--mks", "1"),
+        input="n\n",
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert "Is it free to turn?" in result.stdout
+    assert "Nothing was moved." in result.stdout
+
+
+def test_verify_watchdog_says_what_feeds_a_drive() -> None:
+    result = call("verify-watchdog", "--mks", "1", "--timeout", "0.2", "--yes")
+    assert result.returncode == 0, result.stderr
+    assert "reads only: it goes on turning" in result.stdout
+    assert "frames to others only: it stops" in result.stdout
+    assert "the heartbeats keep it fed" in " ".join(result.stdout.split())
+
+
 @posix
 def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_path: Path) -> None:
     async def main() -> None:

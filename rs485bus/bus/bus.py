@@ -55,9 +55,10 @@ class Bus:
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
-        self._alarm = transport.alarm(self._pump)
+        self._alarm = transport.alarm(self._wake)
         self._pumping = False
         self._again = False
+        self._woken = False
         self._units: dict[int, Unit] = {}
         self._members: list[Member] = []
         self._unseen: list[Handle[Any]] = []
@@ -363,6 +364,14 @@ class Bus:
         moving = [device for device in self.devices if device.motion.may_move]
         settle(stopped, [Halted(device.address, device.family, False, 0) for device in moving])
 
+    def _wake(self) -> None:
+        """The alarm went off."""
+        self._woken = True
+        try:
+            self._pump()
+        finally:
+            self._woken = False
+
     def _pump(self) -> None:
         """Let the owner do what is due, send what it wants to send, and set the alarm."""
         if self._pumping:
@@ -377,8 +386,12 @@ class Bus:
                 if owner.pair.job is not None and now >= owner.pair.deadline and transport.unsent:
                     # What could not be sent in its time must not arrive later.
                     transport.abort()
+                quiet_at = owner.pair.quiet_at
                 frame = owner.tick(now, self._alarm.lead)
                 if frame is not None:
+                    if self._woken:
+                        self._alarm.learn(loop.time() - quiet_at)
+                        self._woken = False
                     while loop.time() < owner.send_at:
                         pass  # less than the alarm's lead
                     transport.write(frame)

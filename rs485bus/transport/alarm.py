@@ -15,13 +15,19 @@ _CLOCK_MONOTONIC = 1
 _ABSOLUTE = 1
 _NONBLOCK_CLOEXEC = 0o4000 | 0o2000000
 _FOREVER = float("inf")
+_MARGIN = 0.000_01
+"""Seconds by which what is woken for should be ready too early on average, so that it is seldom late."""
+_LONGEST_LEAD = 0.000_25
 
 
 class Alarm(Protocol):
     """Calls back once at the time it was set to, on the event loop's clock."""
 
     lead: float
-    """Seconds before a time at which it is safe to wake up and wait out the rest, because waking up takes as long."""
+    """Seconds before a time at which to wake up for it, because waking up and getting ready takes as long."""
+
+    def learn(self, late: float) -> None:
+        """What it woke up for was ready so many seconds late; negative: early, and the rest was waited out."""
 
     def set(self, when: float) -> None:
         """Call back at `when` instead of what was set before; infinity for not at all."""
@@ -40,6 +46,9 @@ class LoopAlarm:
         self._callback = callback
         self._handle: asyncio.TimerHandle | None = None
         self._when = _FOREVER
+
+    def learn(self, late: float) -> None:
+        """Nothing to be learned: it is too coarse."""
 
     def set(self, when: float) -> None:
         if when == self._when:
@@ -61,7 +70,7 @@ class LoopAlarm:
 class TimerfdAlarm:
     """A Linux timerfd in the loop's selector: precise to a tenth of a millisecond.
 
-    It learns how late it wakes up, so that whoever waits can be woken that much early.
+    It learns how long waking up and getting ready takes, so that whoever waits is woken that much early.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
@@ -69,8 +78,12 @@ class TimerfdAlarm:
         self._callback = callback
         self._fd = _create()
         self._when = _FOREVER
-        self.lead = 0.000_06
+        self.lead = 0.000_1
         loop.add_reader(self._fd, self._fire)
+
+    def learn(self, late: float) -> None:
+        if abs(late) < 0.001:  # beyond that it was something else
+            self.lead = min(max(self.lead + (late + _MARGIN) / 16, 0.0), _LONGEST_LEAD)
 
     def set(self, when: float) -> None:
         if when != self._when and self._fd >= 0:
@@ -89,10 +102,7 @@ class TimerfdAlarm:
             os.read(self._fd, 8)
         except BlockingIOError:
             return  # it was set anew after it had become readable
-        late = self._loop.time() - self._when
         self._when = _FOREVER
-        if late < 0.001:
-            self.lead += (min(late, 0.000_15) - self.lead) / 16
         self._callback()
 
 

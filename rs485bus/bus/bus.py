@@ -395,8 +395,8 @@ class Bus:
                     while loop.time() < owner.send_at:
                         pass  # less than the alarm's lead
                     transport.write(frame)
-                elif not self._again:
-                    break
+                if not self._again:
+                    break  # after a frame there is a silence: there is nothing more to send
             self._alarm.set(owner.wake)
         except BaseException:
             # A second Ctrl-C, say, in the middle of this: what stops motors must go on.

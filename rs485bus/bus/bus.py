@@ -208,7 +208,7 @@ class Bus:
         """Put a job into the queue; it goes out at once if the wire is free."""
         self._check_thread()
         self._owner.submit(job, self._loop.time())
-        self._pump()
+        self._look()
 
     async def ask(
         self,
@@ -298,7 +298,7 @@ class Bus:
     def received(self, data: bytes) -> None:
         """Bytes came in. For the transport."""
         self._owner.feed(data, self._loop.time())
-        self._pump()
+        self._look()
 
     def lost(self, error: Exception | None) -> None:
         """The port is gone. For the transport."""
@@ -371,6 +371,14 @@ class Bus:
             self._pump()
         finally:
             self._woken = False
+
+    def _look(self) -> None:
+        """The owner may have to be woken sooner than it was to be."""
+        wake = self._owner.wake
+        if self._pumping or wake <= self._loop.time():
+            self._pump()
+        else:
+            self._alarm.set(wake)
 
     def _pump(self) -> None:
         """Let the owner do what is due, send what it wants to send, and set the alarm."""

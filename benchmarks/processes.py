@@ -45,6 +45,7 @@ class Process:
             self._process.kill()
             raise RuntimeError(f"{module} did not start")
         self.port = str(json.loads(line)["port"])
+        self.pid = self._process.pid
 
     def stop(self) -> Result:
         """End it; return what it counted."""
@@ -71,15 +72,15 @@ def line(module: str, options: dict[str, Any]) -> Iterator[Process]:
 
 
 @contextlib.contextmanager
-def awake() -> Iterator[None]:
-    """Keep the client's core from falling asleep while a block runs, where that is possible."""
+def awake() -> Iterator[tuple[int, ...]]:
+    """Keep the client's core from falling asleep while a block runs, where that is possible; gives the pid that does."""
     core, _ = cores()
     if core is None or not hasattr(os, "SCHED_IDLE"):
-        yield
+        yield ()
         return
     process = subprocess.Popen([sys.executable, "-m", "benchmarks.awake", str(core)])
     try:
-        yield
+        yield (process.pid,)
     finally:
         process.kill()
         process.wait()

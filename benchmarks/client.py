@@ -1,6 +1,6 @@
 """A client's process: one library, one task. Started by the harness.
 
-    python -m benchmarks.client '{"library": "rs485bus", "name": "share", "port": "/dev/pts/3"}'
+python -m benchmarks.client '{"library": "rs485bus", "name": "share", "port": "/dev/pts/3"}'
 """
 
 from __future__ import annotations

@@ -98,7 +98,9 @@ def _faulty(scale: Scale) -> Iterator[Measurement]:
 def _watched(scale: Scale) -> Iterator[Measurement]:
     for baudrate in (38400, 115200):
         setting = Setting(baudrate=baudrate)
-        yield Measurement("watched", Task(library=OURS, name="watched", setting=setting, seconds=scale.watched, amount=16), NONE, 0)
+        yield Measurement(
+            "watched", Task(library=OURS, name="watched", setting=setting, seconds=scale.watched, amount=16), NONE, 0
+        )
 
 
 def _idle(scale: Scale) -> Iterator[Measurement]:

@@ -60,7 +60,9 @@ async def _watch(task: Task, timeout: float) -> tuple[float, float]:
 def memory(task: Task) -> Result:
     """A saturated bus, for `seconds` of virtual time: what it holds after a minute, and at the end."""
     units = task.setting.units
-    rig = Rig(*(SimUnit(address, dict.fromkeys(range(READ_COUNT), 1)) for address in range(1, units + 1)), keep_frames=False)
+    rig = Rig(
+        *(SimUnit(address, dict.fromkeys(range(READ_COUNT), 1)) for address in range(1, units + 1)), keep_frames=False
+    )
     requests = [read_holding(address, 0, READ_COUNT) for address in range(1, units + 1)]
 
     def ask(number: int) -> None:

@@ -1,1 +1,1 @@
-"""How near the bus comes to the limit of the wire, beside other libraries, on one paced line. `python -m benchmarks`."""
+"""How near the bus and other libraries come to the limit of the wire, on one paced line: `python -m benchmarks`."""

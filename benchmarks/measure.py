@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from benchmarks.judge import judge
-from benchmarks.plan import NONE, NOISY, PACED, SERVOS, Measurement
+from benchmarks.plan import NOISY, NONE, PACED, SERVOS, Measurement
 from benchmarks.processes import cores, line, run_client
 from benchmarks.quiet import Others, wait_for_quiet
 from benchmarks.setting import Setting

@@ -73,7 +73,7 @@ def line(module: str, options: dict[str, Any]) -> Iterator[Process]:
 
 @contextlib.contextmanager
 def awake() -> Iterator[tuple[int, ...]]:
-    """Keep the client's core from falling asleep while a block runs, where that is possible; gives the pid that does."""
+    """Keep the client's core awake while a block runs, where that is possible; gives the process that does."""
     core, _ = cores()
     if core is None or not hasattr(os, "SCHED_IDLE"):
         yield ()

@@ -1,4 +1,4 @@
-"""Whether the machine has anything else to do: a disturbed measurement is made again (Linux; elsewhere it is believed)."""
+"""Whether the machine has anything else to do: what was disturbed is measured again. Linux; elsewhere it is believed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def wait_for_quiet(patience: float, known: tuple[int, ...], enough: float = 0.05
 
 
 class Others:
-    """How much of a core others than the `known` processes take from now on. Our own children that end are known too."""
+    """How much of a core is taken from now on by others than us, our children that end, and the `known` processes."""
 
     def __init__(self, known: tuple[int, ...]) -> None:
         self._known = known

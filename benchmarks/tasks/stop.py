@@ -19,10 +19,7 @@ async def run(task: Task, client: AsyncClient) -> Result:
     await client.read(1, 0, READ_COUNT)
     asked = []
     for token in range(max(1, round(task.seconds))):
-        reads = [
-            asyncio.create_task(client.read(1 + number % units, 0, READ_COUNT))  # type: ignore[arg-type]
-            for number in range(task.amount)
-        ]
+        reads = [asyncio.create_task(client.read(1 + number % units, 0, READ_COUNT)) for number in range(task.amount)]
         await asyncio.sleep(rng.uniform(0.03, 0.05))
         asked.append((time.monotonic(), token))
         await client.stop(1, MARK, [token, 0])

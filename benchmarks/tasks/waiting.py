@@ -19,6 +19,7 @@ async def run(task: Task, client: AsyncClient) -> Result:
     await client.open(task.port, task.setting.baudrate, 0.5)
     await client.read(1, 0, READ_COUNT)
     answered = 0
+    warm = asyncio.Event()
     units = itertools.cycle(range(1, task.setting.units + 1))
 
     async def ask() -> None:
@@ -27,10 +28,11 @@ async def run(task: Task, client: AsyncClient) -> Result:
         while True:
             await client.read(unit, 0, READ_COUNT)
             answered += 1
+            if answered == _WARM_UP:
+                warm.set()
 
     asking = [asyncio.create_task(ask()) for _ in range(task.amount)]
-    while answered < _WARM_UP:
-        await asyncio.sleep(0.02)
+    await warm.wait()
     begun, cpu = answered, time.process_time()
     await asyncio.sleep(task.seconds)
     requests, cpu = answered - begun, time.process_time() - cpu

@@ -7,6 +7,7 @@ python -m benchmarks --quick    a glance, in under half a minute
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +31,7 @@ def main() -> int:
     parser.add_argument("--units", nargs="+", type=int)
     parser.add_argument("--repeats", type=int)
     parser.add_argument("--seconds", type=float, help="how long each share is measured")
-    parser.add_argument("--patience", type=float, default=20.0, help="seconds to wait for a quiet machine each time")
+    parser.add_argument("--patience", type=float, default=2.0, help="seconds to wait for a quiet machine each time")
     parser.add_argument("--out", type=Path, default=Path("benchmark-results"), help="where the results go")
     options = parser.parse_args()
     scale = QUICK if options.quick else Scale()
@@ -60,7 +61,7 @@ def main() -> int:
 def carry_out(plan: list[Measurement], patience: float, attempts: int, skipped: list[str]) -> list[Run]:
     """Measure one after the other. What fails is left out, and said."""
     runs: list[Run] = []
-    with awake() as known:
+    with awake() as known, contextlib.suppress(KeyboardInterrupt):  # what was measured until then is reported
         for number, measurement in enumerate(plan, 1):
             task = measurement.task
             place: Run = {

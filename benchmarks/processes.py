@@ -36,7 +36,10 @@ class Process:
 
     def __init__(self, module: str, options: dict[str, Any]) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, json.dumps(options)], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-m", module, json.dumps(options)],
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout], [], [], _START)
@@ -78,7 +81,7 @@ def awake() -> Iterator[tuple[int, ...]]:
     if core is None or not hasattr(os, "SCHED_IDLE"):
         yield ()
         return
-    process = subprocess.Popen([sys.executable, "-m", "benchmarks.awake", str(core)])
+    process = subprocess.Popen([sys.executable, "-m", "benchmarks.awake", str(core)], start_new_session=True)
     try:
         yield (process.pid,)
     finally:

@@ -1,4 +1,4 @@
-"""Whether the machine has anything else to do: what was disturbed is measured again. Linux; elsewhere it is believed."""
+"""Whether the machine has anything else to do: what was disturbed is measured again (on Linux; believed elsewhere)."""
 
 from __future__ import annotations
 

@@ -55,9 +55,10 @@ class Bus:
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
-        self._alarm = transport.alarm(self._pump)
+        self._alarm = transport.alarm(self._wake)
         self._pumping = False
         self._again = False
+        self._woken = False
         self._units: dict[int, Unit] = {}
         self._members: list[Member] = []
         self._unseen: list[Handle[Any]] = []
@@ -207,7 +208,7 @@ class Bus:
         """Put a job into the queue; it goes out at once if the wire is free."""
         self.check_thread()
         self._owner.submit(job, self._loop.time())
-        self._pump()
+        self._look()
 
     async def ask(
         self,
@@ -298,7 +299,7 @@ class Bus:
     def received(self, data: bytes) -> None:
         """Bytes came in. For the transport."""
         self._owner.feed(data, self._loop.time())
-        self._pump()
+        self._look()
 
     def lost(self, error: Exception | None) -> None:
         """The port is gone. For the transport."""
@@ -364,6 +365,22 @@ class Bus:
         moving = [device for device in self.devices if device.motion.may_move]
         settle(stopped, [Halted(device.address, device.family, False, 0) for device in moving])
 
+    def _wake(self) -> None:
+        """The alarm went off."""
+        self._woken = True
+        try:
+            self._pump()
+        finally:
+            self._woken = False
+
+    def _look(self) -> None:
+        """The owner may have to be woken sooner than it was to be."""
+        wake = self._owner.wake
+        if self._pumping or wake <= self._loop.time():
+            self._pump()
+        else:
+            self._alarm.set(wake)
+
     def _pump(self) -> None:
         """Let the owner do what is due, send what it wants to send, and set the alarm."""
         if self._pumping:
@@ -378,13 +395,17 @@ class Bus:
                 if owner.pair.job is not None and now >= owner.pair.deadline and transport.unsent:
                     # What could not be sent in its time must not arrive later.
                     transport.abort()
+                quiet_at = owner.pair.quiet_at
                 frame = owner.tick(now, self._alarm.lead)
                 if frame is not None:
+                    if self._woken:
+                        self._alarm.learn(loop.time() - quiet_at)
+                        self._woken = False
                     while loop.time() < owner.send_at:
                         pass  # less than the alarm's lead
                     transport.write(frame)
-                elif not self._again:
-                    break
+                if not self._again:
+                    break  # after a frame there is a silence: there is nothing more to send
             self._alarm.set(owner.wake)
         except BaseException:
             # A second Ctrl-C, say, in the middle of this: what stops motors must go on.

@@ -46,8 +46,6 @@ class Owner:
     def __init__(self, line: LineSettings, config: BusConfig, now: float, *, gateway: bool = False) -> None:
         self.config = config
         self.now = now
-        self.wake = FOREVER
-        """When `tick` wants to be called next."""
         self.send_at = now
         """When the frame that `tick` returned is to be sent."""
         self.journal = Journal()
@@ -58,7 +56,14 @@ class Owner:
         self.pair = Pair(line, silence, None if config.echo == "auto" else config.echo, now)
         self._queue = Queue()
         self._turnaround_until = NEVER
+        self._wake = FOREVER
+        self._lead = 0.0
         self._clockwork = Clockwork(lambda job: self.submit(job, self.now), now)
+
+    @property
+    def wake(self) -> float:
+        """When `tick` wants to be called next. Every call may bring that forward; none but `tick` puts it off."""
+        return min(self._wake, self._clockwork.next_at, self.feeding.over_at)
 
     # Jobs and what is done later
 
@@ -75,6 +80,10 @@ class Owner:
         self._queue.put(job)
         if job.expires_at is not None:
             self.at(job.expires_at, lambda: self._give_up(job, Reason.EXPIRED))
+        if self.pair.job is None:
+            self._wake = min(self._wake, self.pair.quiet_at - self._lead)
+        elif job.urgency is Urgency.STOP:
+            self._wake = min(self._wake, self.pair.wait_until(stop_waits=True))
 
     def cancel(self, job: Job, now: float) -> None:
         """The caller has gone. What was not sent never will be; what is on the wire is finished, not repeated."""
@@ -97,6 +106,8 @@ class Owner:
         self.now = now
         for received in self.pair.feed(data, now):
             self._take(received)
+        if self.pair.job is None:
+            self._wake = min(self._wake, self._look_at())
 
     def tick(self, now: float, lead: float = 0.0) -> bytes | None:
         """Do what is due; return the next frame to send, if there is one.
@@ -104,6 +115,7 @@ class Owner:
         A frame may be returned up to `lead` seconds before it may go out, at `send_at`.
         """
         self.now = now
+        self._lead = lead
         self._clockwork.run(now)
         for watch in self.feeding.overdue(now):
             self.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
@@ -113,15 +125,15 @@ class Owner:
             if now >= wake:
                 self._unanswered("no reply" if now >= pair.deadline else "cut")
         if pair.job is None and self.gate.connected:
-            wake = pair.quiet_at - lead
+            wake = self._look_at()
             if now >= wake:
+                self._wake = FOREVER  # who is told meanwhile that a job was dropped may submit another
                 job, wake = self._choose()
-            elif not self._queue.size:
-                wake = max(wake, min(self.feeding.look_at, self.stations.to_probe_at(now)))
+                wake = min(wake, self._wake)
         if job is not None:
             frame = self._send(job, max(now, pair.quiet_at))
             wake = pair.quiet_at if pair.job is None else pair.wait_until(self._queue.has(Urgency.STOP))
-        self.wake = min(wake, self._clockwork.next_at, self.feeding.over_at)
+        self._wake = wake
         return frame
 
     def unplugged(self, now: float) -> None:
@@ -217,6 +229,13 @@ class Owner:
         return station.silent_until
 
     # What goes next
+
+    def _look_at(self) -> float:
+        """When something may go, if nothing is out."""
+        wake = self.pair.quiet_at - self._lead
+        if self._queue.size:
+            return wake
+        return max(wake, min(self.feeding.look_at, self.stations.to_probe_at(self.now)))
 
     def _choose(self) -> tuple[Job | None, float]:
         """The job that goes next or, if there is none, when to look again."""

@@ -15,13 +15,21 @@ _CLOCK_MONOTONIC = 1
 _ABSOLUTE = 1
 _NONBLOCK_CLOEXEC = 0o4000 | 0o2000000
 _FOREVER = float("inf")
+_MARGIN = 0.000_01
+"""Seconds by which what is woken for should be ready too early on average, so that it is seldom late."""
+_LONGEST_LEAD = 0.000_25
+_FAR = 0.004
+"""Seconds within which the loop's own timer, late as it may be, is not relied on."""
 
 
 class Alarm(Protocol):
     """Calls back once at the time it was set to, on the event loop's clock."""
 
     lead: float
-    """Seconds before a time at which it is safe to wake up and wait out the rest, because waking up takes as long."""
+    """Seconds before a time at which to wake up for it, because waking up and getting ready takes as long."""
+
+    def learn(self, late: float) -> None:
+        """What it woke up for was ready so many seconds late; negative: early, and the rest was waited out."""
 
     def set(self, when: float) -> None:
         """Call back at `when` instead of what was set before; infinity for not at all."""
@@ -40,6 +48,9 @@ class LoopAlarm:
         self._callback = callback
         self._handle: asyncio.TimerHandle | None = None
         self._when = _FOREVER
+
+    def learn(self, late: float) -> None:
+        """Nothing to be learned: it is too coarse."""
 
     def set(self, when: float) -> None:
         if when == self._when:
@@ -61,7 +72,8 @@ class LoopAlarm:
 class TimerfdAlarm:
     """A Linux timerfd in the loop's selector: precise to a tenth of a millisecond.
 
-    It learns how late it wakes up, so that whoever waits can be woken that much early.
+    It learns how long waking up and getting ready takes, so that whoever waits is woken that much early. Times that
+    are far away, as reply timeouts are, mostly are put off again before they come: they cost no system call.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
@@ -69,30 +81,63 @@ class TimerfdAlarm:
         self._callback = callback
         self._fd = _create()
         self._when = _FOREVER
-        self.lead = 0.000_06
+        self._armed_at = _FOREVER
+        self._looks_at = _FOREVER
+        """When the loop's timer comes back to a time that was far away."""
+        self._look: asyncio.TimerHandle | None = None
+        self.lead = 0.000_1
         loop.add_reader(self._fd, self._fire)
 
+    def learn(self, late: float) -> None:
+        if abs(late) < 0.001:  # beyond that it was something else
+            self.lead = min(max(self.lead + (late + _MARGIN) / 16, 0.0), _LONGEST_LEAD)
+
     def set(self, when: float) -> None:
-        if when != self._when and self._fd >= 0:
-            self._when = when
-            # The time 0 would disarm it; what is past is due at once.
-            _settime(self._fd, 0.0 if when == _FOREVER else max(when, 1e-9))
+        if when == self._when or self._fd < 0:
+            return
+        self._when = when
+        # What goes off before that will see that it is too early, and set itself anew.
+        if when < self._armed_at and when < self._looks_at + _FAR:
+            self._arm(when)
 
     def close(self) -> None:
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)
             self._fd = -1
+            if self._look is not None:
+                self._look.cancel()
+
+    def _arm(self, when: float) -> None:
+        if when == _FOREVER:
+            return
+        if when > self._loop.time() + 2 * _FAR:
+            if self._look is not None:
+                self._look.cancel()
+            self._looks_at = when - _FAR
+            self._look = self._loop.call_at(self._looks_at, self._look_again)
+        else:
+            self._armed_at = when
+            _settime(self._fd, max(when, 1e-9))  # the time 0 would disarm it; what is past is due at once
+
+    def _look_again(self) -> None:
+        self._looks_at = _FOREVER
+        self._look = None
+        if self._when < self._armed_at:
+            self._arm(self._when)
 
     def _fire(self) -> None:
         try:
             os.read(self._fd, 8)
         except BlockingIOError:
             return  # it was set anew after it had become readable
-        late = self._loop.time() - self._when
+        self._armed_at = _FOREVER
+        when = self._when
+        if when > self._loop.time():
+            if when < self._looks_at + _FAR:
+                self._arm(when)
+            return
         self._when = _FOREVER
-        if late < 0.001:
-            self.lead += (min(late, 0.000_15) - self.lead) / 16
         self._callback()
 
 

@@ -59,14 +59,27 @@ class Receiver(Generic[K]):
     def feed(self, data: bytes) -> list[tuple[K, bytes]]:
         """Take `data` in; return the frames it completes, in the order of the wire, each with its key."""
         buffer = self._buffer
+        if not buffer:
+            frame = self._whole(data)
+            if frame is not None:
+                return [(frame, data)]
         buffer += data
         found = []
-        while (frame := self._first()) is not None:
-            start, end, key = frame
+        while buffer and (first := self._first()) is not None:
+            start, end, key = first
             found.append((key, bytes(buffer[start:end])))
             self.skipped += start
             self._drop(end)
         return found
+
+    def _whole(self, data: bytes) -> K | None:
+        """The key of the frame that `data` is, no more and no less: the usual case, decided without a search."""
+        for pattern in self._patterns:
+            if data.startswith(pattern.prefix):
+                if pattern.length == len(data) and pattern.sizer is None and crc(data[:-2]) == data[-2:]:
+                    return pattern.key
+                return None
+        return None
 
     def _first(self) -> tuple[int, int, K] | None:
         """The frame that begins first among those that are complete; what can begin none is dropped."""

@@ -337,6 +337,27 @@ DEFENCES = [
         "                    self._failed = None\n",
         "tests/shell/test_wrong_input.py",
     ),
+    Defence(
+        "a broadcast that moves a device that is being stopped",
+        "bus/gate.py",
+        "return _FOREVER if job.moves and any(station.halt for station in self._hearing(job)) else READY",
+        "return READY",
+        "tests/bus/test_stops.py",
+    ),
+    Defence(
+        "a broadcast that moves a device that was stopped for safety",
+        "bus/gate.py",
+        "any(station.locked for station in self._hearing(job))",
+        "False",
+        "tests/bus/test_stops.py",
+    ),
+    Defence(
+        "a request made at the end of another, answered by bytes that were there before",
+        "bus/bus.py",
+        "self._pumping = True  # who is told",
+        "self._pumping = False  # who is told",
+        "tests/shell/test_chained.py",
+    ),
 ]
 
 

@@ -298,7 +298,11 @@ class Bus:
 
     def received(self, data: bytes) -> None:
         """Bytes came in. For the transport."""
-        self._owner.feed(data, self._loop.time())
+        self._pumping = True  # who is told of a reply may ask for more: that goes out when all bytes are understood
+        try:
+            self._owner.feed(data, self._loop.time())
+        finally:
+            self._pumping = False
         self._look()
 
     def lost(self, error: Exception | None) -> None:

@@ -8,12 +8,14 @@ from hypothesis import strategies as st
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.motion import Motion
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.devices.mks.values import Status
 from rs485bus.sim import Noise
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding
+from rs485bus.wire.registers import Repeat
 from tests.bus.support import Deaf, Drive, Scripted, drives
 
 STOP = 0xF7
@@ -299,3 +301,19 @@ def test_move_stop_move_never_happens_on_the_wire(plan: list[tuple[str, int, flo
     mark = len(rig.sent)
     rig.run(3.0)
     assert not [frame for _, frame in rig.sent[mark:] if asked.get(frame) == float("-inf")]
+
+
+def test_a_broadcast_neither_moves_what_is_locked_nor_overtakes_a_stop() -> None:
+    rig = Rig()
+    first, second = running(rig, 2)
+    everybody = Motion([first.attached.motion, second.attached.motion])
+    first.stop(rig)
+    waits = rig.submit(write(0, r.ENABLE, 1), repeat=Repeat.NEVER, moves=True, motion=everybody)
+    rig.run(0.005)
+    assert waits.outcome is None
+    rig.done(waits)
+    assert [halted.standing for halted in first.halted] == [True]
+    assert not first.sim.moving(rig.now)
+    rig.owner.stations[1].locked = "it was stopped for safety"
+    refused = rig.submit(write(0, r.ENABLE, 1), repeat=Repeat.NEVER, moves=True)
+    assert (refused.outcome, refused.reason) == (Outcome.NOT_SENT, Reason.LOCKED)

@@ -36,6 +36,8 @@ class Gate:
             return Reason.STOPPED
         if job.internal or job.urgency is Urgency.STOP:
             return Reason.NONE
+        if self._feeding.armed and job.request.writes and self._disrupts(job):
+            return Reason.DISRUPTIVE
         if self._feeding.slack < _FOREVER and self._takes(job) > self._feeding.slack:
             return Reason.TOO_LONG
         if job.moves and self.latched:
@@ -50,6 +52,10 @@ class Gate:
         if station.muzzled:
             return Reason.EMERGENCY if self.latched else Reason.STOPPED
         return Reason.LOCKED if job.moves and station.locked else Reason.NONE
+
+    def _disrupts(self, job: Job) -> bool:
+        hearing = self._stations if job.is_broadcast else (self._stations[job.address],)
+        return any(station.attached.disrupts(job.request) for station in hearing if station.attached is not None)
 
     def _takes(self, job: Job) -> float:
         if job.is_broadcast:

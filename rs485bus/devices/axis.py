@@ -223,19 +223,23 @@ class Axis(Conduct):
     def _to_units(self, counts: int) -> float:
         return self._sign * counts / self.counts_per_turn * self.units_per_turn
 
-    def _check_target(self, counts: int) -> None:
-        """Raise `LimitExceeded` for a target that the limits or the drive's register do not allow."""
+    def _check_limits(self, counts: int) -> None:
+        """Raise `LimitExceeded` for a position that the axis' limits do not allow."""
         position = self._to_units(counts)
         slack = self.units_per_turn / self.counts_per_turn
         if self.limits is not None and not self.limits[0] - slack <= position <= self.limits[1] + slack:
             low, high = self.limits
             raise LimitExceeded(f"{self.name}: position {position:g} is outside its limits {low:g}..{high:g}.")
+
+    def _check_target(self, counts: int) -> None:
+        """Raise `LimitExceeded` for a target that the limits or the drive's register do not allow."""
+        self._check_limits(counts)
         low_counts, high_counts = self.target_range
         if not low_counts <= counts <= high_counts:
             ends = sorted((self._to_units(low_counts), self._to_units(high_counts)))
             raise LimitExceeded(
-                f"{self.name}: position {position:g} is outside {ends[0]:g}..{ends[1]:g}, which is what the drive can "
-                "be told. Go there in steps, each from a new zero: set_zero()."
+                f"{self.name}: position {self._to_units(counts):g} is outside {ends[0]:g}..{ends[1]:g}, which is what "
+                "the drive can be told. Go there in steps, each from a new zero: set_zero()."
             )
 
     def _new_move(self, what: str, target: float | None) -> Move:

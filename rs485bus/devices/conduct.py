@@ -172,6 +172,7 @@ class Conduct(ABC):
         self._forget()
         move.state = MoveState.STARTING
         self._way = (before.position, target)
+        move.eta = self.bus.now() + seconds
         await self._begin(move, before, target, send or (lambda: self._send_move(target, pace)), once=once)
         move.state = MoveState.MOVING
         assert move.started_at is not None
@@ -180,9 +181,7 @@ class Conduct(ABC):
         target = self._way[1]
         if not self._near(look.position, target):
             raise await self._why(look, target)
-        if look.at - move.started_at < (move.eta - move.started_at) / 2 - _FRESH:
-            self._lost = "it was at its target sooner than it can have gone there: its drive may have restarted."
-            raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
+        self._check_arrival(move, look)
         self._commanded, self._seen = target, look
         return look
 
@@ -247,6 +246,14 @@ class Conduct(ABC):
         self._forget()
         raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
 
+    def _check_arrival(self, move: Move, look: Look) -> None:
+        """Notice that it is at its target sooner than it can have gone there."""
+        assert move.started_at is not None
+        assert move.eta is not None
+        if look.at - move.started_at < (move.eta - move.started_at) / 2 - _FRESH:
+            self._lost = "it was at its target sooner than it can have gone there: the drive may have restarted."
+            raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
+
     async def _begin(
         self,
         move: Move,
@@ -280,7 +287,7 @@ class Conduct(ABC):
     async def _took(self, move: Move, before: Look, target: int | None, once: bool) -> bool:
         """Whether a start was taken whose answer was lost: it moves, or is there already."""
         assert move.started_at is not None
-        await anyio.sleep(move.started_at + self.attached.start_grace - self.bus.now())
+        await self._grace()
         while True:
             try:
                 look = await self._look()
@@ -294,9 +301,14 @@ class Conduct(ABC):
         if target is not None and self._near(look.position, target):
             if once and self._near(before.position, target):
                 raise OutcomeUnknown(f"{self.name}: a move so short is not to be seen in its position.")
+            self._check_arrival(move, look)
             return True
         self._check_reference(look, before)
         return False
+
+    async def _grace(self) -> None:
+        """Wait until what was sent last has set the motor in motion, if it does."""
+        await anyio.sleep(max(0.0, self.motion.commanded_at + self.attached.start_grace - self.bus.now()))
 
     async def _arrive(self, move: Move, arrived: Callable[[Look], bool]) -> Look:
         """Wait until the motor stands; look when it should, not all the time."""

@@ -223,6 +223,10 @@ class SimMks(SimDevice):
 
     # The wire
 
+    def rate(self, now: float) -> int | None:
+        self.advance(now)
+        return self.baudrate
+
     def receive(self, frame: bytes, now: float) -> bytes | None:
         self.advance(now)
         others = frame[:1] not in (bytes([BROADCAST]), bytes([self.address]))

@@ -136,7 +136,8 @@ class MksShaft:
         while True:
             due = min(self._events, key=lambda event: event[0], default=None)
             starves = max(last, starves_at) if self.motor.moving(last) else FOREVER
-            when = min(now, starves, due[0] if due else FOREVER)
+            turns = self.motor.next_change(last)
+            when = min(now, starves, turns, due[0] if due else FOREVER)
             self._collide(last, when)
             last = when
             if due is not None and due[0] <= when and due in self._events:
@@ -144,7 +145,7 @@ class MksShaft:
                 due[1](due[0])
             elif starves <= when:
                 starved(starves)
-            else:
+            elif when == now:
                 return
 
     def later(self, delay: float, now: float, happen: Callable[[float], None]) -> None:
@@ -242,12 +243,13 @@ class MksShaft:
 
     def _collide(self, last: float, now: float) -> None:
         """The shaft goes no further than the mechanical stops nor, with limits on, than the switches."""
-        if not self._is_out(now):
+        way = self.motor.position(now) - self.motor.position(last)
+        if way == 0 or not self._is_out(self.motor.position(now), way):
             return
         early, late = last, now
         for _ in range(40):
             middle = (early + late) / 2
-            early, late = (early, middle) if self._is_out(middle) else (middle, late)
+            early, late = (early, middle) if self._is_out(self.motor.position(middle), way) else (middle, late)
         low, high = self.machine.travel
         position = self.motor.position(late)
         self._events.clear()
@@ -260,10 +262,10 @@ class MksShaft:
         low, high = self.machine.travel
         return not low - _CONTACT <= position <= high + _CONTACT
 
-    def _is_out(self, now: float) -> bool:
-        position, rpm = self.motor.position(now), self.motor.rpm(now)
+    def _is_out(self, position: float, way: float) -> bool:
+        """Whether it may not be there, going that way."""
         if self._is_beyond(position):
             return True
         if not self.settings[r.HOMING.address][3] or self.activity is not None:
             return False
-        return (rpm < 0 and self.at_home(position)) or (rpm > 0 and self.at_right(position))
+        return (way < 0 and self.at_home(position)) or (way > 0 and self.at_right(position))

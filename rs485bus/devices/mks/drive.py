@@ -75,6 +75,8 @@ class MksDrive(Axis):
         self.positive = positive
         self._drive = MksAttached(address, self._heard, self._was_interrupted)
         self._stuck: Look | None = None
+        self._homed: tuple[Homed, Homed] | None = None
+        """The homing status with which its zero was found, if it was."""
         super().__init__(
             bus,
             self._drive,
@@ -161,6 +163,13 @@ class MksDrive(Axis):
         """Write a setting, as often as it takes. 0x9A may take its time."""
         slow = request.register == r.SINGLE_TURN.address
         await self.bus.ask(request, reply_timeout=_SLOWEST_SETTING if slow else None)
+
+    async def _check_zero(self) -> None:
+        """Where it stands at zero, notice that this is but the zero of a drive that has restarted."""
+        if self._homed is not None and await self._read_homed() != self._homed:
+            self._lost = "its drive has forgotten that it was homed: it has restarted."
+            self._forget()
+            raise ReferenceLost(f"{self.name}: {self._lost} home() it.")
 
     async def _must_stand(self, what: str) -> None:
         """Raise `NotStanding` where the motor turns. A status that is stuck needs a second look."""

@@ -81,13 +81,14 @@ def understand(pdu: bytes) -> Spoken:
         ValueError: no drive of the family understands it, or a value is none of those that can be chosen.
     """
     register, count = int.from_bytes(pdu[1:3], "big"), int.from_bytes(pdu[3:5], "big")
+    function = pdu[0] if pdu else 0
     what: Register[Any] | Block | None = None
     data = b""
-    if pdu[0] == READ_INPUT and len(pdu) == 5:
+    if function == READ_INPUT and len(pdu) == 5:
         what = _READS.get((register, count))
-    elif pdu[0] == WRITE_SINGLE and len(pdu) == 5:
+    elif function == WRITE_SINGLE and len(pdu) == 5:
         what, data = _SINGLE.get(register), pdu[3:]
-    elif pdu[0] == WRITE_MULTIPLE and len(pdu) > 6 and pdu[5] == len(pdu) - 6:
+    elif function == WRITE_MULTIPLE and len(pdu) > 6 and pdu[5] == len(pdu) - 6:
         what, data = _BLOCKS.get((register, count)), pdu[6:]
     if what is None or (data and len(data) != _size(what)):
         raise ValueError(f"{pdu.hex(' ').upper()} is no request to an MKS drive")

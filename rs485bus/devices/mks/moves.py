@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-import anyio
-
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.conduct import Look, Pace
 from rs485bus.devices.mks import registers as r
@@ -165,7 +163,10 @@ class MksMoves(MksDrive):
     ) -> Look:
         self._live = send is None
         try:
-            return await super()._carry_out(move, target_from, pace, send, once=once)
+            look = await super()._carry_out(move, target_from, pace, send, once=once)
+            if self._near(look.position, 0):
+                await self._check_zero()
+            return look
         finally:
             self._live = False
             self._drop_change(f"{self.name}: its move ended before the target was changed.")
@@ -192,7 +193,7 @@ class MksMoves(MksDrive):
             raise
 
     async def _make_change(self, move: Move, change: _Change) -> None:
-        await anyio.sleep(self.motion.commanded_at + self.attached.start_grace - self.bus.now())
+        await self._grace()
         look = await self._look(quick=True)
         if not look.moving:
             # It has ended, or its drive has restarted: nothing may set it in motion again.

@@ -75,8 +75,12 @@ class MksOrigin(MksDrive):
         move.state = MoveState.MOVING
         await self._end_search(move, search)
         look = await self._look()
-        if search.how is GoHome.COORDINATE and not self._near(look.position, 0):
+        if search.how is GoHome.ORIGIN:
+            self._homed = await self._read_homed()
+        elif not self._near(look.position, 0):
             raise await self._why(look, 0)
+        else:
+            await self._check_zero()
         self._zeroed(look)
         return 0.0
 
@@ -106,7 +110,7 @@ class MksOrigin(MksDrive):
                 await self.bus.ask(request, repeat=r.GO_HOME.repeat, moves=True, motion=self.motion)
                 return
             except OutcomeUnknown as unknown:
-                await anyio.sleep(self.attached.start_grace)
+                await self._grace()
                 try:
                     look, now = await self._look(), await self._read_homed()
                 except RequestFailed:

@@ -216,5 +216,5 @@ async def test_9_4_4_another_target_while_it_runs() -> None:
 
 
 def test_the_directions_of_moves_and_of_parameters_are_each_other_s_opposite() -> None:
-    assert MotionDirection.CW == ParameterDirection.CCW == 1
+    assert MotionDirection.CW.value == ParameterDirection.CCW.value == 1
     assert MksServo.counts_per_turn == 16384

@@ -1,8 +1,11 @@
 """What goes wrong ends in its documented exception, with the queue cancelled and the bus alive."""
 
+from typing import Any
+
 import anyio
 import pytest
 
+from rs485bus.bus.handle import Handle
 from rs485bus.devices.mks import Status, WorkMode
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.homing import StopHoming, SwitchHoming
@@ -24,7 +27,7 @@ from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock
 
 async def fails(on: Bench, move: Move, error: type[Exception], match: str) -> str:
     """The move fails so, what is queued behind it is cancelled, and everybody on the bus still answers."""
-    behind = [on.axis.move_by(1.0), on.axis.enable()]
+    behind: list[Handle[Any]] = [on.axis.move_by(1.0), on.axis.enable()]
     with pytest.raises(error, match=match) as raised:
         await move
     for handle in behind:

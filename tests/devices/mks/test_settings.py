@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import fields
+from typing import Any
 
 import pytest
 
@@ -38,6 +39,7 @@ from rs485bus.errors import (
     NotStanding,
     NotSupported,
 )
+from rs485bus.wire.registers import Block, Register
 from tests.devices.mks.bench import FlakyMks, bench, on_virtual_clock
 
 FULL = MksProfile(
@@ -58,7 +60,7 @@ FULL = MksProfile(
     limit_remap=True,
     homing=StopHoming(rpm=120, current=700),
 )
-KEPT = {
+KEPT: dict[Register[Any] | Block, Any] = {
     r.WORK_MODE: WorkMode.SR_CLOSE,
     r.CURRENT: 2400,
     r.HOLDING_CURRENT: HoldingCurrent.PERCENT_30,

@@ -167,6 +167,10 @@ class NotEnabled(MotionError):
     """The motor is not energised: `enable()` the axis first. Nothing was sent."""
 
 
+class NotStanding(MotionError):
+    """The motor turns, and must stand for this: `stop()` the axis first. Nothing was sent."""
+
+
 class RearmRequired(MotionError):
     """The axis was stopped for safety and moves only after `enable()`."""
 

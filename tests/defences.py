@@ -358,6 +358,13 @@ DEFENCES = [
         "self._pumping = False  # who is told",
         "tests/shell/test_chained.py",
     ),
+    Defence(
+        "a new stop that waits until a lost device is looked for",
+        "bus/stopping.py",
+        "while now < until and order == self._orders:",
+        "while now < until:",
+        "tests/bus/test_stops.py",
+    ),
 ]
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rs485bus.profile import Profile, rpm_for
+from rs485bus.profile import Profile, rpm_for, seconds_to
 from rs485bus.sim.motor import Motor
 
 turns = st.floats(0.001, 10_000)
@@ -65,3 +65,13 @@ def test_a_target_changed_on_the_way_is_reached_without_a_jump(orders: list[tupl
         now += wait
     assert motor.position(motor.arrives_at + 1) == orders[-1][0]
     assert not motor.moving(motor.arrives_at + 1)
+
+
+@given(st.floats(-5000, 5000), rpms, ramps, st.floats(-3000, 3000))
+def test_a_turning_shaft_takes_as_long_to_another_target_as_the_profile_says(
+    way: float, rpm: float, ramp: float, speed: float
+) -> None:
+    motor = Motor()
+    motor.run(speed, math.inf, now=0.0)
+    motor.go_to(motor.position(1.0) + way, rpm, ramp, now=1.0)
+    assert motor.arrives_at - 1 == pytest.approx(seconds_to(way, rpm, ramp, speed), rel=1e-6, abs=1e-6)

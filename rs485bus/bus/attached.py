@@ -84,6 +84,13 @@ class Attached(ABC):
     def hears(self, request: Request) -> bool:
         """Whether it would act on this request if it were broadcast."""
 
+    def disrupts(self, request: Request) -> bool:
+        """Whether it would be slow to answer this request, or not answer for a while afterwards (it restarts, say).
+
+        Such requests are refused while a watchdog on the bus is armed.
+        """
+        return False
+
     def broadcast_stop(self) -> Request | None:
         """The broadcast that stops every device of this family at once, if it listens to one."""
         return None

@@ -33,6 +33,11 @@ _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
         "the device has stopped answering. Check its power, its address and the cable; the bus looks for it by itself",
     ),
     Reason.LOCKED: (NotSent, "the axis was stopped for safety: enable() it first"),
+    Reason.DISRUPTIVE: (
+        NotSent,
+        "a watchdog on this bus is armed, and the device would be too slow to answer, or not answer for a while "
+        "afterwards. Leave the watchdog block first",
+    ),
     Reason.TOO_LONG: (NotSent, "it would take the pair for so long that an armed watchdog could trip"),
     Reason.UNPLUGGED: (NotSent, "the port is gone. Plug it in again; the bus reopens it by itself"),
     Reason.QUEUE_FULL: (QueueFull, "too many requests wait already. Ask for less at once"),

@@ -66,6 +66,11 @@ class Feeding:
     def all(self) -> list[Watch]:
         return list(self._watches.values())
 
+    @property
+    def armed(self) -> bool:
+        """Whether any watchdog is."""
+        return bool(self._watches)
+
     def arm(self, watch: Watch) -> None:
         self._watches[watch.address] = watch
         self.look_at = self._over_at = _SOON

@@ -36,6 +36,8 @@ class Gate:
             return Reason.STOPPED
         if job.internal or job.urgency is Urgency.STOP:
             return Reason.NONE
+        if self._feeding.armed and job.request.writes and self._disrupts(job):
+            return Reason.DISRUPTIVE
         if self._feeding.slack < _FOREVER and self._takes(job) > self._feeding.slack:
             return Reason.TOO_LONG
         if job.moves and self.latched:
@@ -52,12 +54,20 @@ class Gate:
         return Reason.LOCKED if job.moves and station.locked else Reason.NONE
 
     def _hearing(self, job: Job) -> list[Station]:
-        """The known devices that would act on a broadcast."""
+        """The attached devices that would act on it."""
+        if not job.is_broadcast:
+            station = self._stations[job.address]
+            return [] if station.attached is None else [station]
         return [
             station
             for station in self._stations
             if station.attached is not None and station.attached.hears(job.request)
         ]
+
+    def _disrupts(self, job: Job) -> bool:
+        return any(
+            station.attached is not None and station.attached.disrupts(job.request) for station in self._hearing(job)
+        )
 
     def _takes(self, job: Job) -> float:
         if job.is_broadcast:

@@ -51,6 +51,8 @@ class Reason(enum.Enum):
     """It could move something, and an emergency stop holds."""
     LOCKED = enum.auto()
     """It could move a device that was stopped for safety."""
+    DISRUPTIVE = enum.auto()
+    """Its device would be away for a while, and a watchdog is armed."""
     TOO_LONG = enum.auto()
     """It would take the wire for too long while a watchdog is armed."""
     OFFLINE = enum.auto()

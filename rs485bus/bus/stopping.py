@@ -27,6 +27,8 @@ Procedure = Generator[Wanted, Any, T]
 STOPS = 3
 """Stop frames sent in vain before a halt is reported as not confirmed."""
 _LOOK_EVERY = 0.02
+_ORDERS_EVERY = 0.1
+"""Seconds after which a device that is left alone is stopped again if somebody asks for it."""
 _TRY_AGAIN_AFTER = 0.5
 _MARGIN = 0.05
 
@@ -94,22 +96,27 @@ class Halt:
             late: what the device owes.
             pause: given the time, until when to leave the device alone after three stops in vain.
         """
-        now: float = 0.0
+        now, order, tries = 0.0, self._orders, 0
         while True:
-            order = self._orders
+            if order != self._orders:
+                order, tries = self._orders, 0
             for request in self._stop_frames():
                 stop = Job(request, urgency=Urgency.STOP, tolerant=True, internal=True, retries=0)
                 now = yield stop
                 self._sent_at = stop.sent_at
                 self._acknowledged = stop.outcome in (Outcome.REPLY, Outcome.REFUSED)
             self.stops += 1
+            tries += 1
             if (yield from self._see_it_stand(order, now, late)):
                 self._tell(standing=True)
                 return
-            if order == self._orders and self.stops % STOPS == 0:
+            if order == self._orders and tries == STOPS:
+                tries = 0
                 self.failed = True
                 self._tell(standing=False)
-                now = yield max(now + _TRY_AGAIN_AFTER, pause(now))
+                until = max(now + _TRY_AGAIN_AFTER, pause(now))
+                while now < until and order == self._orders:
+                    now = yield min(until, now + _ORDERS_EVERY)
 
     def _stop_frames(self) -> tuple[Request, ...]:
         if self._frames is not None and not self.emergency and self.stops == 0:

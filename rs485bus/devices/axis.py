@@ -215,12 +215,16 @@ class Axis(Conduct):
     def _to_units(self, counts: int) -> float:
         return self._sign * counts / self.counts_per_turn * self.units_per_turn
 
-    def _target(self, position: float) -> int:
-        """A position in counts. Raises `LimitExceeded` where the limits or the drive's register do not allow it."""
+    def _check_limits(self, position: float) -> None:
+        """Raise `LimitExceeded` for a position that the axis' limits do not allow."""
         half = self.units_per_turn / self.counts_per_turn / 2
         if self.limits is not None and not self.limits[0] - half <= position <= self.limits[1] + half:
             low, high = self.limits
             raise LimitExceeded(f"{self.name}: position {position:g} is outside its limits {low:g}..{high:g}.")
+
+    def _target(self, position: float) -> int:
+        """A position in counts. Raises `LimitExceeded` where the limits or the drive's register do not allow it."""
+        self._check_limits(position)
         counts = self._to_counts(position)
         lowest, highest = self.target_range
         if not lowest <= counts <= highest:

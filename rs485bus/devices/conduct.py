@@ -48,6 +48,8 @@ _ATTEMPTS = 3
 _POLL_SHORTEST, _POLL_LONGEST = 0.01, 0.05
 _FRESH = 0.25
 """Seconds for which what was seen of a standing axis is taken to hold."""
+_PATIENCE = 2.0
+"""Seconds in which a drive may answer again that did not say whether it took a move."""
 _SPEED_TOLERANCE = 0.03
 
 
@@ -106,6 +108,8 @@ class Conduct(ABC):
         """Why it moves only after `enable()`."""
         self._running = False
         """It was told to keep a speed."""
+        self._way = (0, 0)
+        """From where to where the move under way goes, in counts."""
         self._stands = asyncio.Event()
 
     # What families do
@@ -146,10 +150,24 @@ class Conduct(ABC):
     async def _why(self, look: Look, target: int) -> MotionError:
         """Why it stands where it should not, from what the drive reports."""
 
+    async def _meanwhile(self, move: Move) -> None:  # noqa: B027 - few families change what is under way
+        """Called during a move each time before the axis is looked at."""
+
     # Moves
 
-    async def _carry_out(self, move: Move, target_from: Callable[[Look], int], pace: Pace) -> Look:
-        """A move to a target, from start to arrival."""
+    async def _carry_out(
+        self,
+        move: Move,
+        target_from: Callable[[Look], int],
+        pace: Pace,
+        send: Callable[[], Awaitable[None]] | None = None,
+        *,
+        once: bool = False,
+    ) -> Look:
+        """A move to a target, from start to arrival.
+
+        `send` starts it in another way than `_send_move` does; `once` as for `_begin`.
+        """
         move.rpm, move.acceleration = pace.rpm, pace.acceleration
         before = await self._prepare()
         target = target_from(before)
@@ -157,13 +175,17 @@ class Conduct(ABC):
         seconds = Profile(turns, pace.rpm, pace.acceleration).duration
         self._forget()
         move.state = MoveState.STARTING
-        await self._begin(move, before, target, lambda: self._send_move(target, pace))
+        self._way = (before.position, target)
+        move.eta = self.bus.now() + seconds
+        await self._begin(move, before, target, send or (lambda: self._send_move(target, pace)), once=once)
         move.state = MoveState.MOVING
         assert move.started_at is not None
         move.eta = move.started_at + seconds
-        look = await self._arrive(move, seconds, lambda look: self._near(look.position, target))
+        look = await self._arrive(move, lambda look: self._near(look.position, self._way[1]))
+        target = self._way[1]
         if not self._near(look.position, target):
             raise await self._why(look, target)
+        self._check_arrival(move, look)
         self._commanded, self._seen = target, look
         return look
 
@@ -181,9 +203,8 @@ class Conduct(ABC):
         assert move.started_at is not None
         self._running = rpm != 0
         if duration is not None or rpm == 0:
-            seconds = ramp + (duration or 0.0)
-            move.eta = move.started_at + seconds
-            await self._arrive(move, seconds, lambda _: True)
+            move.eta = move.started_at + ramp + (duration or 0.0)
+            await self._arrive(move, lambda _: True)
             self._running = False
             return
         move.eta = move.started_at + ramp
@@ -229,8 +250,27 @@ class Conduct(ABC):
         self._forget()
         raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
 
-    async def _begin(self, move: Move, before: Look, target: int | None, send: Callable[[], Awaitable[None]]) -> None:
-        """Send the start of a move until it is known that the drive took it, once."""
+    def _check_arrival(self, move: Move, look: Look) -> None:
+        """Notice that it is at its target sooner than it can have gone there."""
+        assert move.started_at is not None
+        assert move.eta is not None
+        if look.at - move.started_at < (move.eta - move.started_at) / 2 - _FRESH:
+            self._lost = "it was at its target sooner than it can have gone there: the drive may have restarted."
+            raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
+
+    async def _begin(
+        self,
+        move: Move,
+        before: Look,
+        target: int | None,
+        send: Callable[[], Awaitable[None]],
+        *,
+        once: bool = False,
+    ) -> None:
+        """Send the start of a move until it is known that the drive took it, once.
+
+        `once`: a second one would move it further, so it is sent only where it is seen that the first one was lost.
+        """
         for attempt in range(_ATTEMPTS):
             move.started_at = self.bus.now()
             try:
@@ -238,33 +278,54 @@ class Conduct(ABC):
                 return
             except OutcomeUnknown as unknown:
                 try:
-                    if await self._took(before, target):
+                    if await self._took(move, before, target, once):
                         return
-                except RequestFailed:
+                except RequestFailed as error:
+                    if isinstance(error, NoReply | DeviceOffline):
+                        self._lost = "its drive did not say whether it took its last move, and may have restarted."
                     self._between = (before.position, before.position if target is None else target)
                     await self._block(f"nobody knows whether {move.what} started ({unknown})")
                     raise unknown from None
                 if attempt + 1 == _ATTEMPTS:
                     raise
 
-    async def _took(self, before: Look, target: int | None) -> bool:
+    async def _took(self, move: Move, before: Look, target: int | None, once: bool) -> bool:
         """Whether a start was taken whose answer was lost: it moves, or is there already."""
-        look = await self._look()
-        if look.moving or (target is not None and self._near(look.position, target)):
+        assert move.started_at is not None
+        await self._grace()
+        while True:
+            try:
+                look = await self._look()
+                break
+            except NoReply:
+                # A drive that restarts is away for a moment; what it says then tells that it did.
+                if self.bus.now() > move.started_at + _PATIENCE:
+                    raise
+        if look.moving:
+            return True
+        if target is not None and self._near(look.position, target):
+            if once and self._near(before.position, target):
+                raise OutcomeUnknown(f"{self.name}: a move so short is not to be seen in its position.")
+            self._check_arrival(move, look)
             return True
         self._check_reference(look, before)
         return False
 
-    async def _arrive(self, move: Move, seconds: float, arrived: Callable[[Look], bool]) -> Look:
+    async def _grace(self) -> None:
+        """Wait until what was sent last has set the motor in motion, if it does."""
+        await anyio.sleep(max(0.0, self.motion.commanded_at + self.attached.start_grace - self.bus.now()))
+
+    async def _arrive(self, move: Move, arrived: Callable[[Look], bool]) -> Look:
         """Wait until the motor stands; look when it should, not all the time."""
         assert move.started_at is not None
-        late = move.started_at + 2 * seconds + 1
-        grace = move.started_at + self.attached.start_grace
-        pause = min(max(seconds / 50, _POLL_SHORTEST), _POLL_LONGEST)
+        assert move.eta is not None
+        pause = min(max((move.eta - move.started_at) / 50, _POLL_SHORTEST), _POLL_LONGEST)
         self._stands.clear()
-        with anyio.move_on_after(max(0.0, seconds + move.started_at - self.bus.now())):
-            await self._stands.wait()
         while True:
+            with anyio.move_on_after(max(0.0, move.eta - self.bus.now())):
+                await self._stands.wait()
+            self._stands.clear()
+            await self._meanwhile(move)
             try:
                 look = await self._look(quick=True)
             except NoReply:
@@ -273,10 +334,11 @@ class Conduct(ABC):
                 self._lost = "its drive stopped answering and may have restarted."
                 await self._block(f"its drive stopped answering during {move.what}")
                 raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
+            grace = self.motion.commanded_at + self.attached.start_grace
             if look is not None and not look.moving and (arrived(look) or look.at > grace):
                 self.motion.stands(look.at)
                 return look
-            if self.bus.now() > late:
+            if self.bus.now() > 2 * move.eta - move.started_at + 1:
                 raise self._too_late(move)
             await anyio.sleep(pause)
 

@@ -3,7 +3,7 @@
 from rs485bus.sim.clock import VirtualClockLoop
 from rs485bus.sim.device import SimDevice, SimUnit
 from rs485bus.sim.mks import SimMks
-from rs485bus.sim.mks_motion import Machine
+from rs485bus.sim.mks_machine import Machine
 from rs485bus.sim.noise import Noise
 from rs485bus.sim.virtual_line import VirtualLine
 

@@ -34,6 +34,10 @@ class SimDevice(ABC):
             raise ValueError(f"address {address} is outside 1..247")
         self.address = address
 
+    def rate(self, now: float) -> int | None:
+        """The baud rate at which it listens and answers now."""
+        return self.baudrate
+
     @abstractmethod
     def answer(self, pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
         """Do what a request says (function and data, without address and CRC); return the answer's, if it answers.

@@ -130,7 +130,7 @@ class VirtualPair:
         if self._chance(self.noise.flipped_request):
             frame = self._flip(frame)
         for device in self.devices:
-            if device.baudrate not in (None, self.line.baudrate) or self._hanging.get(device, 0.0) > now:
+            if device.rate(now) not in (None, self.line.baudrate) or self._hanging.get(device, 0.0) > now:
                 continue
             if frame[0] == device.address and self._chance(self.noise.hang):
                 self._hanging[device] = now + self._rng.uniform(0, self.noise.hang_for)
@@ -138,6 +138,8 @@ class VirtualPair:
             reply = device.receive(frame, now)
             if reply is None or self._chance(self.noise.lost_reply):
                 continue
+            if device.rate(now) not in (None, self.line.baudrate):
+                reply = self._rng.randbytes(len(reply))  # it answers at another rate already
             turnaround = self.turnaround if device.turnaround is None else device.turnaround
             delay = self._rng.uniform(0, self.noise.late_by) if self._chance(self.noise.late) else 0.0
             # A device that is late answers what it is asked meanwhile after that: in order.

@@ -6,33 +6,35 @@ from collections.abc import Callable
 from typing import Any
 
 from rs485bus.devices.mks import registers as r
+from rs485bus.devices.mks.frames import native, understand
 from rs485bus.devices.mks.values import (
     BaudRate,
     Boot,
-    HomingMode,
     Inputs,
     Level,
     Model,
     OutputMask,
-    ParameterDirection,
     PowerOnRun,
     SingleTurn,
     Status,
     WorkMode,
     ZeroPoint,
 )
-from rs485bus.errors import LimitExceeded
 from rs485bus.sim.device import SimDevice
-from rs485bus.sim.mks_motion import FOREVER, Machine, MksMotion, Refused
-from rs485bus.wire.frames import BROADCAST
-from rs485bus.wire.registers import Field, Register
+from rs485bus.sim.mks_machine import Machine
+from rs485bus.sim.mks_memory import Refused, accept, factory_settings
+from rs485bus.sim.mks_motion import MksMotion
+from rs485bus.sim.mks_shaft import FOREVER
+from rs485bus.wire.frames import BROADCAST, READ_INPUT, WRITE_SINGLE, crc
 
-_SINGLE: dict[int, Register[Any]] = {register.address: register for register in r.SINGLE_WRITES}
-_BLOCKS: dict[tuple[int, int], Any] = {(block.address, block.count): block for block in r.BLOCK_WRITES}
 _RESTART_TAKES = 0.6
 _CALIBRATION_TAKES = 3.0
 _SINGLE_TURN_TAKES = 1.6
 _NEW_SETTING_TAKES = 0.02
+_POWER_ON_STOP_RAMP = 1000.0
+_SHORTEST_DIVISION = 100
+"""Pulses to a toggle of OUT_2 below which there is no output (4.3)."""
+_NATIVE_REPLY = 0xFB
 
 
 class SimMks(SimDevice):
@@ -40,16 +42,18 @@ class SimMks(SimDevice):
 
     Args:
         address: 1..247.
-        model: which drive.
+        model: which drive. Only the 57D has IN_2, OUT_1 and OUT_2; it takes up to 5200 mA, the others 3000.
         shaft: where the shaft stands, in turns of the machine.
         machine: what the shaft drives.
         mode: the work mode it is set to.
         microsteps: what it is set to.
+        baudrate: what it is set to, in bit/s; None for whatever the line is.
         enabled_at_power_on: whether it is energised then (9.4.3 runs without enabling first).
         trip_latches: after its watchdog stopped it, it moves only after an enable.
         fed_by: what feeds its watchdog, of "reads", "writes", "others" (frames to others) and "broadcasts".
         stuck_status: what 0xF1 goes on saying after a move, as some drives do; None for none.
-        answers_at_new: a write of address or baud rate is answered at the new setting already.
+        answers_at_new: a write of address, baud rate or protocol is answered at the new setting already.
+        reset_keeps_line: a factory reset leaves address and baud rate as they are.
     """
 
     def __init__(
@@ -61,25 +65,29 @@ class SimMks(SimDevice):
         machine: Machine | None = None,
         mode: WorkMode = WorkMode.SR_VFOC,
         microsteps: int = 16,
+        baudrate: int | None = None,
         enabled_at_power_on: bool = True,
         trip_latches: bool = False,
         fed_by: frozenset[str] = frozenset({"reads", "writes"}),
         stuck_status: Status | None = None,
         answers_at_new: bool = False,
+        reset_keeps_line: bool = True,
     ) -> None:
         super().__init__(address)
         self.model = model
+        self.baudrate = baudrate
         self.enabled_at_power_on = enabled_at_power_on
         self.trip_latches = trip_latches
         self.fed_by = fed_by
         self.stuck_status = stuck_status
         self.answers_at_new = answers_at_new
+        self.reset_keeps_line = reset_keeps_line
         self.version = 0x0109
-        self.settings = _factory_settings()
+        self.settings = factory_settings()
         """What it keeps when it is switched off, by register: a value, or the values of a block."""
         self.settings[r.WORK_MODE.address] = mode
         self.settings[r.MICROSTEPS.address] = microsteps
-        self.motion = MksMotion(self.settings, machine or Machine(), shaft)
+        self.motion = MksMotion(self.settings, model, machine or Machine(), shaft)
         self.trips: list[float] = []
         """When its watchdog stopped it."""
         self.restarts = 0
@@ -88,11 +96,11 @@ class SimMks(SimDevice):
         self._ready_at = 0.0
         self._tripped = False
         self._silent = False
-        self._outputs = Inputs(0)
+        self._outputs: dict[Inputs, bool] = {}
         self._commands: dict[int, Callable[[Any, float], None]] = {
             r.RELEASE_STALL.address: lambda _, now: self.motion.release_stall(),
             r.FACTORY_RESET.address: lambda _, now: self._factory_reset(now),
-            r.RESTART.address: lambda _, now: self.restart(now),
+            r.RESTART.address: lambda _, now: self._start_anew(now),
             r.BOOT.address: self._boot,
             r.CALIBRATE.address: lambda _, now: self._calibrate(now),
             r.WORK_MODE.address: self._set_mode,
@@ -105,13 +113,16 @@ class SimMks(SimDevice):
             r.EMERGENCY_STOP.address: lambda _, now: self.motion.stop(FOREVER, now),
             r.POWER_ON_RUN.address: self._power_on_run,
         }
-        self._moving_blocks: dict[Any, Callable[[tuple[Any, ...], float], None]] = {
-            r.RUN: self._moves(self.motion.run),
-            r.RUN_FOR: self._moves(self.motion.run),
-            r.MOVE_PULSES: self._moves(self.motion.move_pulses),
-            r.MOVE_COUNTS: self._moves(self.motion.move_counts),
-            r.MOVE_TO_PULSES: self._moves(self.motion.move_to_pulses),
-            r.MOVE_TO_COUNTS: self._moves(self.motion.move_to_counts),
+        self._blocks: dict[int, Callable[[tuple[Any, ...], float], None]] = {
+            r.RUN.address: self._moves(self.motion.run),
+            r.MOVE_PULSES.address: self._moves(self.motion.move_pulses),
+            r.MOVE_COUNTS.address: self._moves(self.motion.move_counts),
+            r.MOVE_TO_PULSES.address: self._moves(self.motion.move_to_pulses),
+            r.MOVE_TO_COUNTS.address: self._moves(self.motion.move_to_counts),
+            r.OUTPUTS.address: lambda values, now: self._write_outputs(*values),
+            r.HOMING_TORQUE.address: lambda values, now: self._set_homing_torque(values),
+            r.PULSE_DIVIDER.address: lambda values, now: self._set_divider(values),
+            r.SINGLE_TURN.address: self._set_single_turn,
         }
         self.motion.reset(0.0, enabled_at_power_on)
 
@@ -143,6 +154,18 @@ class SimMks(SimDevice):
         stuck = self.stuck_status is not None and self.motion.has_moved and status is Status.STOPPED
         return self.stuck_status if stuck and self.stuck_status is not None else status
 
+    def inputs(self, now: float) -> Inputs:
+        """What 0x34 reads. OUT_1 shows a stall, OUT_2 the pulse divider, unless they were written (1.2, 4.2, 4.3)."""
+        inputs = self.motion.inputs(now)
+        if not self.model.has_outputs:
+            return inputs
+        level, period = self.settings[r.PULSE_DIVIDER.address]
+        toggled = self.motion.pulses(now) // period % 2 == 1 if period >= _SHORTEST_DIVISION else False
+        shown = {Inputs.OUT_1: not self.motion.protected, Inputs.OUT_2: toggled != (level is Level.HIGH)}
+        for port, on in {**shown, **self._outputs}.items():
+            inputs |= port if on else Inputs(0)
+        return inputs
+
     # What happens to it
 
     def advance(self, now: float) -> None:
@@ -153,12 +176,37 @@ class SimMks(SimDevice):
 
     def restart(self, now: float) -> None:
         """Start anew, as after a power cycle: settings stay, the rest is forgotten, counting begins at zero."""
+        self.advance(now)
+        self._start_anew(now)
+
+    def switch_off(self, now: float) -> None:
+        """Take its power: the motor stands, and nobody answers."""
+        self.advance(now)
+        self.motion.reset(now, enabled=False)
+        self._ready_at = FOREVER
+
+    def switch_on(self, now: float) -> None:
+        """Give it power again: it answers after a moment, with its settings kept."""
+        self.advance(now)
+        self._start_anew(now)
+
+    def _start_anew(self, now: float) -> None:
         self.motion.reset(now, self.enabled_at_power_on)
         self.restarts += 1
         self._tripped = self._silent = False
-        self._outputs = Inputs(0)
+        self._outputs.clear()
         self._ready_at = now + _RESTART_TAKES
         self.motion.later(_RESTART_TAKES, now, self._power_on)
+
+    def turn_shaft(self, turns: float, now: float) -> None:
+        """Turn the shaft of a standing motor by hand."""
+        self.advance(now)
+        self.motion.motor.place(self.motion.motor.position(now) + turns, now)
+
+    def put_load(self, load: int, now: float) -> None:
+        """The machine takes so much current, in mA, to move from now on."""
+        self.advance(now)
+        self.motion.put_load(load, now)
 
     def _power_on(self, now: float) -> None:
         self._heard_at = now
@@ -175,82 +223,88 @@ class SimMks(SimDevice):
 
     # The wire
 
+    def rate(self, now: float) -> int | None:
+        self.advance(now)
+        return self.baudrate
+
     def receive(self, frame: bytes, now: float) -> bytes | None:
         self.advance(now)
         others = frame[:1] not in (bytes([BROADCAST]), bytes([self.address]))
         if (others and "others" in self.fed_by) or (frame[:1] == b"\0" and "broadcasts" in self.fed_by):
             self._heard_at = now
-        return super().receive(frame, now)
+        if not self.settings[r.MODBUS.address]:
+            return self._receive_native(frame, now)
+        address = self.address
+        reply = super().receive(frame, now)
+        if reply is None or not self.answers_at_new:
+            return reply
+        if not self.settings[r.MODBUS.address]:
+            return self._native_reply(r.MODBUS.address)
+        if self.address != address:
+            body = bytes([self.address]) + reply[1:-2]
+            return body + crc(body)
+        return reply
+
+    def _receive_native(self, frame: bytes, now: float) -> bytes | None:
+        """With Modbus off, the one frame of the native protocol that the manual names (3.2.12)."""
+        if now < self._ready_at or frame != native(self.address, r.MODBUS.address, 1).adu:
+            return None
+        self.settings[r.MODBUS.address] = True
+        return None if self.answers_at_new else self._native_reply(r.MODBUS.address)
+
+    def _native_reply(self, code: int) -> bytes:
+        # The manual prints none; the family's native protocol answers like this.
+        body = bytes((_NATIVE_REPLY, self.address, code, 1))
+        return body + bytes([sum(body) % 256])
 
     def answer(self, pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
-        address = int.from_bytes(pdu[1:3], "big")
-        silent = self._silent and address != r.BOOT.address
-        if now < self._ready_at or silent or not self.settings[r.MODBUS.address]:
+        silent = self._silent and int.from_bytes(pdu[1:3], "big") != r.BOOT.address
+        if now < self._ready_at or silent:
             return None
-        if not broadcast and ("reads" if pdu[0] == 4 else "writes") in self.fed_by:
+        if not broadcast and ("reads" if pdu[0] == READ_INPUT else "writes") in self.fed_by:
             self._heard_at = now
         self.turnaround = None
-        if pdu[0] == 4 and len(pdu) == 5:
-            return self._read(address, int.from_bytes(pdu[3:5], "big"), now)
+        if pdu[0] not in (4, 6, 16):
+            return None  # the manual describes no exception reply
+        if pdu[0] == READ_INPUT:
+            return self._read(pdu, now)
         try:
-            if pdu[0] == 6 and len(pdu) == 5:
-                self._write_single(address, pdu[3:], now)
-                return pdu
-            if pdu[0] == 16 and len(pdu) > 6:
-                self._write_block(address, int.from_bytes(pdu[3:5], "big"), pdu[6:], now)
-                return pdu[:5]
+            self._write(pdu, now)
         except Refused:
-            return pdu[:3] + (b"\xff\xff" if pdu[0] == 6 else b"\0\0")
-        return None  # the manual describes no exception reply
+            return pdu[:3] + (b"\xff\xff" if pdu[0] == WRITE_SINGLE else b"\0\0")
+        return pdu[:5]
 
-    def _read(self, address: int, count: int, now: float) -> bytes | None:
+    def _read(self, pdu: bytes, now: float) -> bytes | None:
         motion = self.motion
         turns, part = divmod(motion.motor.position(now), 1.0)
-        values: dict[tuple[int, int], bytes] = {
-            (r.ENCODER.address, 3): r.ENCODER.encode(int(turns), int(part * r.COUNTS_PER_TURN)),
-            (r.POSITION.address, 3): r.POSITION.encode(motion.counts(now)),
-            (r.SPEED.address, 1): r.SPEED.encode(round(motion.motor.rpm(now))),
-            (r.PULSES.address, 2): r.PULSES.encode(motion.pulses(now) % 0x1_0000_0000),
-            (r.INPUTS.address, 1): r.INPUTS.encode(motion.inputs(now) | self._outputs),
-            (r.ANGLE_ERROR.address, 2): r.ANGLE_ERROR.encode(motion.machine.following_error),
-            (r.ENABLED.address, 1): r.ENABLED.encode(motion.enabled),
-            (r.HOMED.address, 1): r.HOMED.encode(*motion.homed),
-            (r.STALLED.address, 1): r.STALLED.encode(motion.stalled),
-            (r.VERSION.address, 2): r.VERSION.encode(self.version),
-            (r.STATUS.address, 1): r.STATUS.encode(self.status(now)),
+        values: dict[int, bytes] = {
+            r.ENCODER.address: r.ENCODER.encode(int(turns), int(part * r.COUNTS_PER_TURN)),
+            r.POSITION.address: r.POSITION.encode(motion.counts(now)),
+            r.SPEED.address: r.SPEED.encode(round(motion.motor.rpm(now))),
+            r.PULSES.address: r.PULSES.encode(motion.pulses(now) % 0x1_0000_0000),
+            r.INPUTS.address: r.INPUTS.encode(self.inputs(now)),
+            r.ANGLE_ERROR.address: r.ANGLE_ERROR.encode(motion.angle_error(now)),
+            r.ENABLED.address: r.ENABLED.encode(motion.enabled),
+            r.HOMED.address: r.HOMED.encode(*motion.homed),
+            r.STALLED.address: r.STALLED.encode(motion.stalled),
+            r.VERSION.address: r.VERSION.encode(self.version),
+            r.STATUS.address: r.STATUS.encode(self.status(now)),
         }
-        data = values.get((address, count))
-        return None if data is None else bytes((4, len(data))) + data
+        try:
+            data = values[understand(pdu).what.address]
+        except ValueError:
+            return None
+        return bytes((READ_INPUT, len(data))) + data
 
-    def _write_single(self, address: int, data: bytes, now: float) -> None:
-        register = _SINGLE.get(address)
-        if register is None:
-            raise Refused
-        value = int.from_bytes(data, "big") if register is r.CURRENT else _decoded((register,), data)[0]
-        command = self._commands.get(address)
-        if command is not None:
-            command(value, now)
+    def _write(self, pdu: bytes, now: float) -> None:
+        spoken = accept(pdu)
+        register, values = spoken.what.address, spoken.values
+        if (block := self._blocks.get(register)) is not None:
+            block(values, now)
+        elif (command := self._commands.get(register)) is not None:
+            command(values[0], now)
         else:
-            self.settings[address] = value
-
-    def _write_block(self, address: int, count: int, data: bytes, now: float) -> None:
-        block = _BLOCKS.get((address, count))
-        if block is None:
-            raise Refused
-        if isinstance(block, Register):
-            self.settings[address] = _decoded((block,), data)[0]
-            return
-        values = _decoded(block.fields, data)
-        if (move := self._moving_blocks.get(block)) is not None:
-            move(values, now)
-        elif block is r.OUTPUTS:
-            self._write_outputs(*values)
-        elif block is r.PULSE_DIVIDER and not self.model.has_outputs:
-            raise Refused
-        else:
-            self.settings[address] = values
-            if block is r.SINGLE_TURN:
-                self._set_turn_zero(values[1], now)
+            self.settings[register] = values[0] if len(values) == 1 else values
 
     # Commands
 
@@ -281,23 +335,42 @@ class SimMks(SimDevice):
         if current == value:
             self.settings[r.CURRENT.address] = current
 
-    def _set_turn_zero(self, zero: ZeroPoint, now: float) -> None:
+    def _set_homing_torque(self, values: tuple[Any, ...]) -> None:
+        if values[2] > self.model.max_current:
+            raise Refused
+        self.settings[r.HOMING_TORQUE.address] = values
+
+    def _set_single_turn(self, values: tuple[Any, ...], now: float) -> None:
+        self.settings[r.SINGLE_TURN.address] = values
+        zero = values[1]
         if zero is not ZeroPoint.KEEP:
-            self.motion.turn_zero = self.motion.motor.position(now) % 1.0 if zero is ZeroPoint.SET_HERE else 0.0
+            here = self.motion.motor.position(now) % 1.0
+            self.motion.turn_zero = here if zero is ZeroPoint.SET_HERE else None
         self.turnaround = _SINGLE_TURN_TAKES
+
+    def _set_divider(self, values: tuple[Any, ...]) -> None:
+        if not self.model.has_outputs:
+            raise Refused
+        self.settings[r.PULSE_DIVIDER.address] = values
+
+    def _write_outputs(self, mask_2: OutputMask, on_2: bool, mask_1: OutputMask, on_1: bool) -> None:
+        if not self.model.has_outputs:
+            raise Refused
+        for mask, on, port in ((mask_2, on_2, Inputs.OUT_2), (mask_1, on_1, Inputs.OUT_1)):
+            if mask is OutputMask.WRITE:
+                self._outputs[port] = on
 
     def _power_on_run(self, flag: PowerOnRun, now: float) -> None:
         save = flag is PowerOnRun.SAVE
         self.settings[r.POWER_ON_RUN.address] = self.motion.last_run if save else None
         if save:
-            self.motion.stop(1000.0, now)  # 8.5: the motor slows down and stops
+            self.motion.stop(_POWER_ON_STOP_RAMP, now)  # 8.5: the motor slows down and stops
 
     def _set_baud_rate(self, code: BaudRate, now: float) -> None:
         self.settings[r.BAUD_RATE.address] = code
         self._change("baudrate", code.baudrate, now)
 
     def _set_address(self, address: int, now: float) -> None:
-        self.settings[r.ADDRESS.address] = address
         self._change("address", address, now)
 
     def _change(self, name: str, value: int, now: float) -> None:
@@ -309,53 +382,15 @@ class SimMks(SimDevice):
     def _boot(self, what: Boot, now: float) -> None:
         self._silent = what is Boot.ENTER_SILENCE
         if what is Boot.ENTER_BOOT:
-            self.motion.stop(FOREVER, now)
-            self._ready_at = FOREVER
+            self.switch_off(now)  # it waits for firmware until it is switched off and on
 
     def _calibrate(self, now: float) -> None:
         self.motion.stop(FOREVER, now)
         self.motion.activity = Status.CALIBRATING
-        self.motion.later(_CALIBRATION_TAKES, now, self.restart)
+        self.motion.later(_CALIBRATION_TAKES, now, self._start_anew)
 
     def _factory_reset(self, now: float) -> None:
-        self.settings.update({**_factory_settings(), r.ADDRESS.address: self.address})
-        self.restart(now)
-
-    def _write_outputs(self, mask_2: OutputMask, on_2: bool, mask_1: OutputMask, on_1: bool) -> None:
-        if not self.model.has_outputs:
-            raise Refused
-        for mask, on, port in ((mask_2, on_2, Inputs.OUT_2), (mask_1, on_1, Inputs.OUT_1)):
-            if mask is OutputMask.WRITE:
-                self._outputs = self._outputs | port if on else self._outputs & ~port
-
-
-def _factory_settings() -> dict[int, Any]:
-    return {
-        r.WORK_MODE.address: WorkMode.CR_VFOC,
-        r.CURRENT.address: 1600,
-        r.MICROSTEPS.address: 16,
-        r.STALL_PROTECTION.address: False,
-        r.BAUD_RATE.address: BaudRate.BAUD_38400,
-        r.MODBUS.address: True,
-        r.WATCHDOG.address: 0,
-        r.POWER_ON_RUN.address: None,
-        r.HOMING.address: (Level.LOW, ParameterDirection.CW, 60, False),
-        r.HOMING_TORQUE.address: (0x2000, HomingMode.SWITCH, 400),
-        r.SINGLE_TURN.address: (SingleTurn.OFF, ZeroPoint.KEEP, 2, ParameterDirection.CW),
-    }
-
-
-def _decoded(fields: tuple[Field[Any], ...], data: bytes) -> tuple[Any, ...]:
-    """Typed values, or a refusal where a value or the length is wrong."""
-    if sum(field.number.size for field in fields) != len(data):
-        raise Refused
-    values, at = [], 0
-    for field in fields:
-        try:
-            value = field.decode(data[at:])
-            field.raw(value)
-        except (ValueError, LimitExceeded):
-            raise Refused from None
-        values.append(value)
-        at += field.number.size
-    return tuple(values)
+        self.settings.update(factory_settings())
+        if not self.reset_keeps_line:
+            self.address, self.baudrate = 1, BaudRate.BAUD_38400.baudrate
+        self._start_anew(now)

@@ -54,6 +54,10 @@ class Motor:
         """When the last change of what it was told ends."""
         return self._legs[-1].at
 
+    def next_change(self, after: float) -> float:
+        """When its ramp or its direction changes next; infinity if they do not. Until then it goes one way."""
+        return next((leg.at for leg in self._legs if leg.at > after), math.inf)
+
     def place(self, position: float, now: float) -> None:
         """Put it there, standing."""
         self.target = position

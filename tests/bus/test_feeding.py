@@ -171,8 +171,10 @@ def test_while_armed_nothing_goes_out_that_could_keep_the_wire_too_long() -> Non
     (drive,) = drives(rig, 1)
     admit_watchdogs(rig.owner, [drive.attached], 0.5)
     guard(rig, drive)
-    slow = rig.submit(write_block(1, r.SINGLE_TURN, 0, 2, 2, 0), reply_timeout=2.5)
+    slow = rig.submit(read_holding(9, 0, 1), reply_timeout=2.5)
     assert (slow.outcome, slow.reason) == (Outcome.NOT_SENT, Reason.TOO_LONG)
+    away = rig.submit(write_block(1, r.SINGLE_TURN, 0, 2, 2, 0))
+    assert (away.outcome, away.reason) == (Outcome.NOT_SENT, Reason.DISRUPTIVE)
     assert rig.submit(read_holding(9, 0, 1)).outcome is None
 
 

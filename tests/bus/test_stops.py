@@ -199,6 +199,26 @@ def test_a_device_that_cannot_be_seen_standing_is_reported_after_three_stops_and
     assert not drive.sim.moving(rig.now)
 
 
+def test_a_device_that_is_left_alone_is_stopped_at_once_if_somebody_asks_for_it() -> None:
+    rig = Rig(config=BusConfig(echo=False))
+    (drive,) = running(rig, 1)
+    receive = drive.sim.receive
+    drive.sim.receive = lambda frame, now: None  # type: ignore[method-assign]
+    rig.done(*(rig.submit(read(1, r.PULSES)) for _ in range(3)))
+    assert rig.owner.stations[1].reach.offline
+    for _ in range(2):
+        drive.stop(rig)
+        rig.run(2.0)
+        assert not drive.halted.pop().standing
+    drive.sim.receive = receive  # type: ignore[method-assign]
+    rig.run(5.0)
+    assert drive.attached.motion.may_move  # looking for what may be lost is rationed
+    drive.stop(rig)
+    rig.run(0.5)
+    assert drive.halted.pop().standing
+    assert not drive.sim.moving(rig.now)
+
+
 def test_a_second_stop_goes_out_at_once_though_the_first_is_still_being_confirmed() -> None:
     rig = Rig(config=BusConfig(echo=False, reply_timeout=0.5))
     (drive,) = running(rig, 1)
@@ -307,13 +327,16 @@ def test_a_broadcast_neither_moves_what_is_locked_nor_overtakes_a_stop() -> None
     rig = Rig()
     first, second = running(rig, 2)
     everybody = Motion([first.attached.motion, second.attached.motion])
+    first.sim._commands[STOP] = lambda value, now: None
     first.stop(rig)
     waits = rig.submit(write(0, r.ENABLE, 1), repeat=Repeat.NEVER, moves=True, motion=everybody)
-    rig.run(0.005)
+    rig.run(0.1)
     assert waits.outcome is None
+    assert first.sim.moving(rig.now)
+    del first.sim._commands[STOP]
+    first.sim.restart(rig.now)
     rig.done(waits)
-    assert [halted.standing for halted in first.halted] == [True]
-    assert not first.sim.moving(rig.now)
+    assert rig.owner.stations[1].halt is None
     rig.owner.stations[1].locked = "it was stopped for safety"
     refused = rig.submit(write(0, r.ENABLE, 1), repeat=Repeat.NEVER, moves=True)
     assert (refused.outcome, refused.reason) == (Outcome.NOT_SENT, Reason.LOCKED)

@@ -247,7 +247,7 @@ async def test_where_standing_is_not_seen_the_watchdog_stays_armed_and_unfed() -
             x.run(600)
             await asyncio.sleep(1.0)
             sim._commands[0xF7] = lambda value, now: None
-            sim._moving_blocks.clear()
+            sim._blocks.clear()
     assert sim.watchdog_ms == 1000
     await asyncio.sleep(1.5)
     assert made.stands()

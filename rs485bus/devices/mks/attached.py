@@ -20,6 +20,21 @@ _SAME = 2
 _URGENT_STOP_TAKES = 0.1
 _WRITTEN = {register.address for register in (*r.SINGLE_WRITES, *r.BLOCK_WRITES)}
 
+_DISRUPTING = {
+    register.address
+    for register in (
+        r.CALIBRATE,
+        r.FACTORY_RESET,
+        r.RESTART,
+        r.BOOT,
+        r.SINGLE_TURN,
+        r.ADDRESS,
+        r.BAUD_RATE,
+        r.MODBUS,
+    )
+}
+"""They restart or silence the drive, take it elsewhere, or (0x9A) keep the pair for 1.6 s."""
+
 
 class MksWatchdog(Watchdog):
     """Register 0x98 (3.2.14). It cannot be read."""
@@ -80,6 +95,9 @@ class MksAttached(Attached):
 
     def hears(self, request: Request) -> bool:
         return request.function in (WRITE_SINGLE, WRITE_MULTIPLE) and request.register in _WRITTEN
+
+    def disrupts(self, request: Request) -> bool:
+        return request.function in (WRITE_SINGLE, WRITE_MULTIPLE) and request.register in _DISRUPTING
 
     def broadcast_stop(self) -> Request | None:
         return write(BROADCAST, r.EMERGENCY_STOP, 1)

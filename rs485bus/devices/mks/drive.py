@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any, TypeVar
+
+import anyio
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.job import Urgency
 from rs485bus.devices.axis import Axis
 from rs485bus.devices.conduct import Look, Pace
+from rs485bus.devices.mks import alarms
 from rs485bus.devices.mks import registers as r
+from rs485bus.devices.mks.alarms import hints
 from rs485bus.devices.mks.attached import FAMILY, MksAttached
 from rs485bus.devices.mks.frames import read, write, write_block
-from rs485bus.devices.mks.values import Model, MotionDirection, Status, WorkMode
-from rs485bus.errors import LimitExceeded, MotionError, MotorStalled, MoveFailed, NotSent, RearmRequired, ReferenceLost
+from rs485bus.devices.mks.values import Homed, Model, MotionDirection, Status, WorkMode
+from rs485bus.errors import (
+    DeviceRefused,
+    LimitExceeded,
+    MotionError,
+    MotorStalled,
+    MoveFailed,
+    NotEnabled,
+    NotSent,
+    NotStanding,
+    NotSupported,
+    RearmRequired,
+    ReferenceLost,
+)
 from rs485bus.wire.frames import Request, payload
 from rs485bus.wire.registers import Block, Register
 
@@ -24,12 +41,14 @@ _CALIBRATED = (16, 32, 64)
 _RAMP_UNIT = 20_000.0
 """rpm/s times (256 - code): one rpm every (256 - code) * 50 µs (7.1)."""
 _TICK = 0.01
+_SLOWEST_SETTING = 2.5
+"""Seconds that 0x9A may take to answer; 5.6 logs 1.6."""
 _NO_SPEED_FOR = 0.01
 _SAME = 2
 
 
 class MksDrive(Axis):
-    """One drive, as `MksServo` without its settings and homing."""
+    """One drive, as `MksServo` without what it can be asked, set to and told but to move."""
 
     counts_per_turn = r.COUNTS_PER_TURN
 
@@ -38,16 +57,16 @@ class MksDrive(Axis):
         bus: Bus,
         address: int,
         *,
-        model: Model,
-        mode: WorkMode,
-        microsteps: int,
-        units_per_turn: float,
-        reverse: bool,
-        positive: MotionDirection,
-        limits: tuple[float, float] | None,
-        rpm: float,
-        acceleration: float,
-        tolerance: int,
+        model: Model = Model.SERVO42D,
+        mode: WorkMode = WorkMode.SR_VFOC,
+        microsteps: int = 16,
+        units_per_turn: float = 1.0,
+        reverse: bool = False,
+        positive: MotionDirection = MotionDirection.CCW,
+        limits: tuple[float, float] | None = None,
+        rpm: float = 300.0,
+        acceleration: float = 1000.0,
+        tolerance: int = 8,
     ) -> None:
         self.address = address
         self.model = model
@@ -56,6 +75,8 @@ class MksDrive(Axis):
         self.positive = positive
         self._drive = MksAttached(address, self._heard, self._was_interrupted)
         self._stuck: Look | None = None
+        self._homed: tuple[Homed, Homed] | None = None
+        """The homing status with which its zero was found, if it was."""
         super().__init__(
             bus,
             self._drive,
@@ -79,6 +100,13 @@ class MksDrive(Axis):
 
     async def _read(self, register: Register[T], urgency: Urgency = Urgency.COMMAND) -> T:
         return register.decode(payload(await self.bus.ask(read(self.address, register), urgency=urgency)))
+
+    async def _read_block(self, block: Block) -> tuple[Any, ...]:
+        return block.decode(payload(await self.bus.ask(read(self.address, block))))
+
+    async def _read_homed(self) -> tuple[Homed, Homed]:
+        in_turn, origin = await self._read_block(r.HOMED)
+        return in_turn, origin
 
     async def _look(self, *, quick: bool = False) -> Look:
         at = self.bus.now()
@@ -111,22 +139,64 @@ class MksDrive(Axis):
     async def _why(self, look: Look, target: int) -> MotionError:
         place = f"{self.name} stands {abs(target - look.position)} counts short of where it was sent"
         if await self._read(r.STALLED):
-            return MotorStalled(
-                f"{place}: the drive reports a stall. Free the shaft, or give it more current or less acceleration; "
-                "then release_stall() and enable()."
-            )
-        if not await self._read(r.ENABLED):
-            self._enabled = False
-            self._lost = "its motor is not enabled any more in the middle of a move: the drive may have restarted."
-            return ReferenceLost(f"{place}, and is not enabled any more: the drive may have restarted. home() it.")
-        self._lost = "it stood still before it had reached its target."
+            # One that is not protected goes on pushing, and would jump as soon as the shaft is free.
+            await self._halted(self._halt(emergency=True))
+            self._enabled = await self._read(r.ENABLED)
+            return MotorStalled(f"{place}: the drive reports a stall. {hints([alarms.STALLED])}")
+        start = self._way[0]
+        between = min(start, target) - self.tolerance <= look.position <= max(start, target) + self.tolerance
+        enabled = await self._read(r.ENABLED)
+        if not enabled or not between:
+            found = "is not enabled any more" if not enabled else "not even on the way there"
+            self._enabled = enabled
+            self._lost = f"it {found} in the middle of a move: the drive may have restarted."
+            return ReferenceLost(f"{place}, and {found}: the drive may have restarted. home() it or set_zero().")
         inputs = await self._read(r.INPUTS)
-        return MoveFailed(
-            f"{place}, with inputs {inputs!r}. A limit switch may have stopped it, or the drive may have restarted. "
-            "home() it or set_zero()."
-        )
+        if self._near(look.position, 0):
+            self._lost = "it stood still at zero before it had reached its target."
+            return MoveFailed(
+                f"{place}, at zero, with inputs {inputs!r}. The drive may have restarted. home() it or set_zero()."
+            )
+        return MoveFailed(f"{place}, with inputs {inputs!r}. A limit switch or another master may have stopped it.")
+
+    async def _ask_setting(self, request: Request) -> None:
+        """Write a setting, as often as it takes. 0x9A may take its time."""
+        slow = request.register == r.SINGLE_TURN.address
+        await self.bus.ask(request, reply_timeout=_SLOWEST_SETTING if slow else None)
+
+    async def _check_zero(self) -> None:
+        """Where it stands at zero, notice that this is but the zero of a drive that has restarted."""
+        if self._homed is not None and await self._read_homed() != self._homed:
+            self._lost = "its drive has forgotten that it was homed: it has restarted."
+            self._forget()
+            raise ReferenceLost(f"{self.name}: {self._lost} home() it.")
+
+    async def _must_stand(self, what: str) -> None:
+        """Raise `NotStanding` where the motor turns. A status that is stuck needs a second look."""
+        for _ in range(2):
+            if not self._running and not (await self._look(quick=True)).moving:
+                return
+            await anyio.sleep(2 * _NO_SPEED_FOR)
+        raise NotStanding(f"{self.name} turns, and must stand for this: {what}. stop() it first. Nothing was sent.")
 
     # Commands
+
+    def _check_mode(self) -> None:
+        if not self.mode.is_serial:
+            raise NotSupported(
+                f"{self.name} is in mode {self.mode.name}, in which only pulses move it: set_mode(WorkMode.SR_VFOC)."
+            )
+
+    async def _prepare(self, *, standing: bool = True) -> Look:
+        self._check_mode()
+        return await super()._prepare(standing=standing)
+
+    async def _carry_out_enable(self) -> None:
+        self._check_mode()
+        try:
+            await super()._carry_out_enable()
+        except (NotEnabled, DeviceRefused) as error:
+            raise NotEnabled(f"{error} {hints(alarms.KEEP_IT_OFF)}") from error
 
     async def _send(self, block: Block, *values: Any) -> None:
         await self.bus.ask(
@@ -135,17 +205,19 @@ class MksDrive(Axis):
 
     async def _send_move(self, target: int, pace: Pace) -> None:
         self._plan_stop(r.MOVE_TO_COUNTS, (pace.ramp_code, 0, 0), pace)
-        await self._send(r.MOVE_TO_COUNTS, pace.ramp_code, pace.speed_code, target)
+        await self._send(r.MOVE_TO_COUNTS, pace.ramp_code, self._speed_code(pace), target)
 
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
-        forward = (rpm >= 0) == (self.positive is MotionDirection.CCW)
-        direction = MotionDirection.CCW if forward else MotionDirection.CW
-        speed = pace.speed_code if rpm else 0
-        self._plan_stop(r.RUN, (MotionDirection.CCW, pace.ramp_code, 0), pace)
-        if ticks is None:
-            await self._send(r.RUN, direction, pace.ramp_code, speed)
+        start = (self._direction(rpm), pace.ramp_code, self._speed_code(pace))
+        stop = (MotionDirection.CCW, pace.ramp_code, 0)
+        self._plan_stop(r.RUN, stop, pace)
+        if not rpm:
+            with contextlib.suppress(DeviceRefused):  # it was not turning, says 9.1.3; whoever waits for this looks
+                await self._send(r.RUN, *stop)
+        elif ticks is None:
+            await self._send(r.RUN, *start)
         else:
-            await self._send(r.RUN_FOR, direction, pace.ramp_code, speed, ticks)
+            await self._send(r.RUN_FOR, *start, ticks)
 
     async def _send_enable(self, on: bool) -> None:
         await self.bus.ask(write(self.address, r.ENABLE, on))
@@ -157,23 +229,39 @@ class MksDrive(Axis):
     def _plan_stop(self, block: Block, stop: tuple[Any, ...], pace: Pace) -> None:
         """The stop that belongs to a move (8.2, 9.4.2): each kind of move has its own."""
         self._drive.ramp_stop = write_block(self.address, block, *stop)
-        self._drive.ramp_takes = 0.0 if math.isinf(pace.acceleration) else pace.rpm / pace.acceleration
+        self._drive.ramp_takes = pace.rpm / pace.acceleration
 
     # What the drive can do
 
     def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
         wanted = self.rpm if rpm is None else rpm
-        # A speed value turns the shaft at value * 16 / microsteps where it is not calibrated.
-        factor = 1.0 if self.microsteps in _CALIBRATED else self.microsteps / 16
-        highest = min(self.mode.max_rpm, int(r.MAX_SPEED / factor))
-        if not 0 < wanted <= highest:
-            raise LimitExceeded(
-                f"{self.name}: {wanted:g} rpm is outside 0..{highest} rpm of mode {self.mode.name} at "
-                f"{self.microsteps} microsteps"
-            )
+        factor = self._speed_factor
+        self._check_speed(wanted)
         speed = max(1, round(wanted * factor))
         ramp, real = self._ramp(self.acceleration if acceleration is None else acceleration)
         return Pace(speed / factor, real, speed, ramp)
+
+    @property
+    def _speed_factor(self) -> float:
+        """What a speed value is of an rpm: it turns the shaft at value * 16 / microsteps where not calibrated (7.1)."""
+        return 1.0 if self.microsteps in _CALIBRATED else self.microsteps / 16
+
+    def _check_speed(self, rpm: float) -> None:
+        highest = min(self.mode.max_rpm, int(r.MAX_SPEED / self._speed_factor))
+        if not 0 < rpm <= highest:
+            raise LimitExceeded(
+                f"{self.name}: {rpm:g} rpm is outside 0..{highest} rpm of mode {self.mode.name} at "
+                f"{self.microsteps} microsteps"
+            )
+
+    def _speed_code(self, pace: Pace) -> int:
+        """How its speed is said now. The microsteps may have been changed since the pace was made."""
+        self._check_speed(pace.rpm)
+        return max(1, round(pace.rpm * self._speed_factor))
+
+    def _direction(self, forward: float) -> MotionDirection:
+        """The direction of 0xF6 and 0xFD in which the drive's position grows, or that of a negative number."""
+        return self.positive if forward >= 0 else MotionDirection(1 - self.positive)
 
     def _ramp(self, acceleration: float) -> tuple[int, float]:
         """The code that comes nearest to an acceleration, and what it makes (7.1)."""

@@ -49,7 +49,9 @@ POSITION: Final[Register[int]] = Register("position", I48, "counts", address=0x3
 SPEED: Final[Register[int]] = Register("speed", I16, "rpm", address=0x32, access="r")  # 3.1.3
 PULSES: Final[Register[int]] = Register("pulses received", U32, "pulses", address=0x33, access="r")  # 3.1.4
 INPUTS: Final[Register[Inputs]] = Register("I/O ports", U16, into=Inputs, address=0x34, access="r")  # 4.1
-ANGLE_ERROR: Final[Register[int]] = Register("angle error", I32, "1/51200 turn", address=0x39, access="r")  # 3.1.5
+ANGLE_ERROR: Final[Register[float]] = Register(  # 3.1.5; 51200 a turn here, 28000 in 0x9D
+    "angle error", I32, "°", step=360 / 51200, address=0x39, access="r"
+)
 ENABLED: Final[Register[bool]] = Register("enabled", U16, into=bool, address=0x3A, access="r")  # 3.1.6
 HOMED: Final = Block(  # 3.1.7
     "homing status", 0x3B, (Field("single turn", U8, into=Homed), Field("origin", U8, into=Homed)), count=1
@@ -58,7 +60,7 @@ STALLED: Final[Register[bool]] = Register("stalled", U16, into=bool, address=0x3
 VERSION: Final[Register[int]] = Register("version", U32, address=0x40, access="r")  # 3.1.8
 STATUS: Final[Register[Status]] = Register("motor status", U16, into=Status, address=0xF1, access="r")  # 7.2.1
 
-# Settings. They are saved to flash.
+# Settings. What changing them costs stands in `settings.py`.
 
 
 def _switch(name: str, address: int) -> Register[bool]:
@@ -147,14 +149,14 @@ SINGLE_TURN: Final = Block(  # 5.3.4; may take 1.6 s (log of 5.6)
     ),
     count=2,
 )
-POSITION_PROTECTION: Final = Block(  # 3.4.2; 28000 errors are a turn here, 51200 in 0x39
+POSITION_PROTECTION: Final = Block(  # 3.4.2; a unit of time is "approximately" 15 ms
     "position error protection",
     0x9D,
     (
         Field("reserved", U8, "", 0, 0),
         Field("enabled", U8, low=0, high=1, into=bool),
-        Field("time", U16, "15 ms"),
-        Field("errors", U16, "1/28000 turn"),
+        Field("time of position error", U16, "s", step=0.015),
+        Field("position error", U16, "turns", step=1 / 28000),
     ),
     count=3,
 )

@@ -1,0 +1,187 @@
+"""What an MKS drive can be set to, and what that costs. Source: MKS RTU V1.0.9, the section named at each setting.
+
+Settings can only be written. What a drive acknowledged is all that is ever known of them.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, Final
+
+from rs485bus.devices.mks import registers as r
+from rs485bus.devices.mks.frames import current, write, write_block
+from rs485bus.devices.mks.homing import Homing
+from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Level, Model, ParameterDirection, WorkMode
+from rs485bus.errors import NotSupported
+from rs485bus.wire.frames import Request
+from rs485bus.wire.registers import Register
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Gains of a controller (3.3), each 0..1024. The motors come tuned: change them with care."""
+
+    kp: int
+    ki: int
+    kd: int
+    kv: int
+
+
+VFOC_GAINS: Final = Gains(220, 100, 270, 320)
+"""As shipped (3.3.1)."""
+CLOSE_GAINS: Final = Gains(200, 80, 250, 300)
+"""As shipped (3.3.2)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositionProtection:
+    """Let go of the shaft where it is off by so much for so long (3.4.2)."""
+
+    turns: float
+    """0..2.34, in steps of 1/28000."""
+    seconds: float
+    """0..983.025, in steps of about 0.015."""
+    enabled: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PulseDivider:
+    """Toggle OUT_2 every so many pulses (4.3). 57D only."""
+
+    period: int
+    """100..4294967295 pulses; less turns it off."""
+    start: Level = Level.LOW
+    """The level with which it begins."""
+
+
+class Cost(enum.Flag):
+    """What it costs to change a setting."""
+
+    KEPT = enum.auto()
+    """The drive keeps it when it is switched off. That wears its flash: it is nothing for every cycle. The manual says
+    so of the current and of the power-on run alone; the others are taken to be kept too."""
+    STANDING = enum.auto()
+    """The motor must stand, or `NotStanding` is raised."""
+    SLOW = enum.auto()
+    """It may be answered after 1.6 s, in which the pair is taken; refused while a watchdog on the bus is armed."""
+    HOMING = enum.auto()
+    """Limits count only after the next homing (5.3.2)."""
+
+
+Frames = Callable[[int, Model, Any], list[Request]]
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One setting."""
+
+    title: str
+    section: str
+    """Of the manual."""
+    cost: Cost
+    frames: Frames
+    """The requests that write it: of an address, a model and a value. Raises `LimitExceeded`, `NotSupported`."""
+
+
+def _register(register: Register[Any]) -> Frames:
+    return lambda address, model, value: [write(address, register, value)]
+
+
+def _position_protection(address: int, model: Model, wanted: PositionProtection) -> list[Request]:
+    return [write_block(address, r.POSITION_PROTECTION, 0, wanted.enabled, wanted.seconds, wanted.turns)]
+
+
+def _pulse_divider(address: int, model: Model, divider: PulseDivider) -> list[Request]:
+    check_outputs(model)
+    return [write_block(address, r.PULSE_DIVIDER, divider.start, divider.period)]
+
+
+def check_outputs(model: Model) -> None:
+    """Raise `NotSupported` for a drive without outputs."""
+    if not model.has_outputs:
+        raise NotSupported(f"A SERVO{model.value} has neither OUT_1 nor OUT_2; only the 57D does (1.2).")
+
+
+_KEPT, _STANDING = Cost.KEPT, Cost.STANDING
+
+SETTINGS: Final[dict[str, Setting]] = {
+    "mode": Setting("work mode", "3.2.2", _KEPT | _STANDING, _register(r.WORK_MODE)),
+    "current": Setting(
+        "working current", "3.2.3", _KEPT, lambda address, model, ma: [current(address, model, ma, save=True)]
+    ),
+    "holding_current": Setting("holding current", "3.2.4", _KEPT, _register(r.HOLDING_CURRENT)),
+    "microsteps": Setting("microsteps", "3.2.5", _KEPT | _STANDING, _register(r.MICROSTEPS)),
+    "enable_level": Setting("level of En", "3.2.6", _KEPT, _register(r.ENABLE_LEVEL)),
+    "pulse_direction": Setting("direction for pulses", "3.2.7", _KEPT, _register(r.PULSE_DIRECTION)),
+    "screen_off": Setting("automatic screen-off", "3.2.8", _KEPT, _register(r.SCREEN_OFF)),
+    "interpolation": Setting("interpolation", "3.2.9", _KEPT, _register(r.INTERPOLATION)),
+    "key_lock": Setting("key lock", "3.2.13", _KEPT, _register(r.KEY_LOCK)),
+    "vfoc_gains": Setting(
+        "gains of the vFOC modes",
+        "3.3.1",
+        _KEPT | _STANDING,
+        lambda address, model, gains: [write_block(address, r.PID_VFOC, gains.kp, gains.ki, gains.kd, gains.kv)],
+    ),
+    "close_gains": Setting(
+        "gains of the CLOSE modes",
+        "3.3.2",
+        _KEPT | _STANDING,
+        lambda address, model, gains: [write_block(address, r.PID_CLOSE, gains.kp, gains.ki, gains.kd, gains.kv)],
+    ),
+    "overcurrent_protection": Setting("overcurrent protection", "3.4.1", _KEPT, _register(r.STALL_PROTECTION)),
+    "position_protection": Setting("position error protection", "3.4.2", _KEPT, _position_protection),
+    "pulse_divider": Setting("pulse divider", "4.3", _KEPT, _pulse_divider),
+    "limit_remap": Setting("limit remapping", "5.3.1", _KEPT | _STANDING | Cost.HOMING, _register(r.LIMIT_REMAP)),
+    "homing": Setting(
+        "homing",
+        "5.3.2, 5.3.3, 5.3.4",
+        _KEPT | _STANDING | Cost.HOMING | Cost.SLOW,
+        lambda address, model, homing: homing.frames(address, model),
+    ),
+}
+"""All settings of a profile, by the name of its field."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MksProfile:
+    """Settings to write together, in this order. None leaves one alone.
+
+    Ranges are those of the methods of `MksServo` that set one each.
+    """
+
+    mode: WorkMode | None = None
+    current: int | None = None
+    """mA."""
+    holding_current: HoldingCurrent | None = None
+    microsteps: int | None = None
+    enable_level: EnableLevel | None = None
+    pulse_direction: ParameterDirection | None = None
+    screen_off: bool | None = None
+    interpolation: bool | None = None
+    key_lock: bool | None = None
+    vfoc_gains: Gains | None = None
+    close_gains: Gains | None = None
+    overcurrent_protection: bool | None = None
+    position_protection: PositionProtection | None = None
+    pulse_divider: PulseDivider | None = None
+    limit_remap: bool | None = None
+    homing: Homing | None = None
+
+    def values(self) -> dict[str, Any]:
+        """The settings that it holds, by name."""
+        return {
+            field.name: getattr(self, field.name) for field in fields(self) if getattr(self, field.name) is not None
+        }
+
+    def differences(self, acknowledged: MksProfile) -> dict[str, tuple[Any, Any]]:
+        """Where a drive did not acknowledge what this says: the value here, and the one acknowledged or None.
+
+        `axis.acknowledged` is what the drive has acknowledged; what it was set to before nobody can tell.
+        """
+        return {
+            name: (value, getattr(acknowledged, name))
+            for name, value in self.values().items()
+            if getattr(acknowledged, name) != value
+        }

@@ -115,7 +115,7 @@ class Watchdog:
         if self._lease is not None:
             self._lease.end()
         released = asyncio.get_running_loop().create_future()
-        bus.start(release(bus.owner, self._devices, {}), lambda halted: settle(released, halted))
+        bus.start(release(bus.owner, self._devices), lambda halted: settle(released, halted))
         bound = bus.after(bus.config.close_timeout, lambda: settle(released, []))
         cancelled = await outlast(released)
         bound.cancel()

@@ -115,14 +115,14 @@ class Axis(Conduct):
         """
         pace = self._pace(rpm, acceleration)
         if self._planned is not None:
-            self._check_target(self._to_counts(self._planned + distance))
+            self._check_target(self._to_counts(self._planned + distance), self._reach)
         move = self._new_move(f"move by {distance:g}", None)
         self._planned = None if self._planned is None else self._planned + distance
 
         def target(look: Look) -> int:
             start = look.position if self._commanded is None else self._commanded
             counts = start + self._to_counts(distance)
-            self._check_target(counts)
+            self._check_target(counts, self._reach)
             move.target = self._to_units(counts)
             return counts
 
@@ -195,6 +195,11 @@ class Axis(Conduct):
     def target_range(self) -> tuple[int, int]:
         """The lowest and highest absolute target that the drive can be given, in counts."""
 
+    @property
+    def _reach(self) -> tuple[int, int]:
+        """The same for a move by a distance, where the drive can go further so."""
+        return self.target_range
+
     @abstractmethod
     def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
         """What the drive makes of a speed and an acceleration; None for the axis' own.
@@ -223,14 +228,14 @@ class Axis(Conduct):
     def _to_units(self, counts: int) -> float:
         return self._sign * counts / self.counts_per_turn * self.units_per_turn
 
-    def _check_target(self, counts: int) -> None:
+    def _check_target(self, counts: int, reach: tuple[int, int] | None = None) -> None:
         """Raise `LimitExceeded` for a target that the limits or the drive's register do not allow."""
         position = self._to_units(counts)
         slack = self.units_per_turn / self.counts_per_turn
         if self.limits is not None and not self.limits[0] - slack <= position <= self.limits[1] + slack:
             low, high = self.limits
             raise LimitExceeded(f"{self.name}: position {position:g} is outside its limits {low:g}..{high:g}.")
-        low_counts, high_counts = self.target_range
+        low_counts, high_counts = self.target_range if reach is None else reach
         if not low_counts <= counts <= high_counts:
             ends = sorted((self._to_units(low_counts), self._to_units(high_counts)))
             raise LimitExceeded(

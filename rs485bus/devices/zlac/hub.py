@@ -107,14 +107,11 @@ class HubMotor(Axis):
 
     @property
     def _running(self) -> bool:
-        return self.side in self.modes.running
+        return self.modes.keeps(self.side) is not None
 
     @_running.setter
     def _running(self, runs: bool) -> None:
-        if runs:
-            self.modes.running[self.side] = self._mode
-        else:
-            self.modes.running.pop(self.side, None)
+        self.modes.keep(self.side, self._mode if runs else None)
 
     # Questions
 

@@ -57,8 +57,7 @@ class ZlacModes:
         self.driver = driver
         self.paused = False
         """A controlled stop was made by control word 0x05: enabled again before the next command."""
-        self.running: dict[Side, ControlMode] = {}
-        """The wheels that keep a speed or a torque, and in which mode."""
+        self._kept: dict[Side, ControlMode] = {}
         self.hurried: set[Handle[Any]] = set()
         """Runs whose speed nobody waits for any more, because another one follows."""
         self.ready = False
@@ -86,8 +85,8 @@ class ZlacModes:
         other = Side.RIGHT if side is Side.LEFT else Side.LEFT
         async with self._turns:
             while alone:
-                keeps = self.running.get(other, mode)
-                if keeps is not mode:
+                keeps = self.keeps(other)
+                if keeps is not None and keeps is not mode:
                     raise NotSupported(
                         f"{self.driver.name}: both wheels share one control mode, and the {other.name.lower()} one "
                         f"keeps a {keeps.name.lower()}. Stop that one first."
@@ -103,6 +102,18 @@ class ZlacModes:
             del self._busy[side]
             self._under_way.discard(side)
             self._freed.set()
+
+    def keep(self, side: Side, mode: ControlMode | None) -> None:
+        """A wheel keeps a speed or a torque from now on; None for neither."""
+        if mode is None:
+            self._kept.pop(side, None)
+        else:
+            self._kept[side] = mode
+
+    def keeps(self, side: Side) -> ControlMode | None:
+        """In which mode a wheel keeps a speed or a torque. It does not any more once it was seen standing, for whatever
+        reason."""
+        return self._kept.get(side) if self.driver.attached.sides[side].may_move else None
 
     def hurry(self, run: Handle[Any]) -> None:
         """Do not wait for the speed of a run, nor tell it if it was not told yet: another one follows."""
@@ -159,7 +170,7 @@ class ZlacModes:
     @property
     def busy(self) -> bool:
         """Whether a wheel was told something that it may be doing still."""
-        return bool(self._under_way or self.running)
+        return bool(self._under_way) or any(self.keeps(side) for side in Side)
 
     async def enable(self) -> None:
         """Hold both wheels, with no target left from before.
@@ -220,7 +231,7 @@ class ZlacModes:
         """Control word 0x05 goes out."""
         self.paused = not emergency and (self.paused or enabled)
         self.ready = False
-        self.running.clear()
+        self._kept.clear()
 
     def doubt(self, emergency: bool) -> bool:
         """Whether such a stop concerns both wheels. Whoever asks for one may know of a motion that is not known here,

@@ -128,8 +128,8 @@ async def _counts(driver: ZlacDriver, remarks: list[str]) -> tuple[int, int]:
     left, right = round(lines[0]), round(lines[1])
     if not left or not right:
         raise MotionError(
-            f"{driver.name} says that its encoders have {left} and {right} lines. Set what the motors have: "
-            "set_parameter(registers.ENCODER_LINES.left, ..., save=True), and right."
+            f"{driver.name} says that its encoders have {left} and {right} lines (0x2030, 0x2060). Set what the motors "
+            "have: set_parameter(registers.ENCODER_LINES.left, ..., save=True), and right."
         )
     asked = driver.options.encoder_lines
     if asked is not None and (left, right) != (asked, asked):

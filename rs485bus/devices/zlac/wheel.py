@@ -270,7 +270,7 @@ class ZlacWheel(HubMotor):
             move.state = MoveState.STARTING
             await self._begin(move, before, None, lambda: self._send_torque(milliamperes, slope))
             move.state = MoveState.MOVING
-            self._running = milliamperes != 0
+            self._running = True  # with 0 mA it rolls
             return await self.position()
 
     async def _send_torque(self, milliamperes: int, slope: int | None) -> None:

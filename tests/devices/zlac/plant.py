@@ -7,15 +7,17 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any, ParamSpec
+from typing import Any, ParamSpec, TypeVar
 
 from rs485bus import Bus, BusConfig, Zlac8015d, open_bus
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.values import ControlWord, Fault
 from rs485bus.sim import Noise, SimZlac, VirtualClockLoop, VirtualLine
 from rs485bus.sim.device import ILLEGAL_VALUE, Refusal
+from rs485bus.wire.registers import Register
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 QUIET = Noise()
 CONTROL = "06200E00"
@@ -37,8 +39,17 @@ class WatchedZlac(SimZlac):
         """It acknowledges stops and does not do them."""
         self.mute_run_bits = False
         """Its status word says of no wheel that it runs."""
+        self.clears_in_position_mode_only = False
+        """0x2005 does nothing in other modes."""
+        self.ignored = "-"
+        """It acknowledges what begins so, and does not do it."""
         self.lasting = Fault(0)
         """Errors of the right wheel that clearing does not clear."""
+
+    def set(self, register: Register[T], value: T) -> None:
+        """What it is set to, as if it had been saved."""
+        for at, word in enumerate(_words(register.encode(value))):
+            self._words[register.address + at] = self.eeprom[register.address + at] = word
 
     def lose_reply(self, start: str, times: int = 1) -> None:
         """Do the next requests that begin so, but do not answer them."""
@@ -56,6 +67,10 @@ class WatchedZlac(SimZlac):
     def all_lost(self) -> bool:
         """Whether everything was lost that was to be lost."""
         return not self._lost_replies and not self._lost_requests
+
+    def value_writes(self, start: str) -> int:
+        """How many writes began so."""
+        return sum(pdu.startswith(start) for pdu in self.writes())
 
     async def lost_all(self) -> None:
         """Wait until everything was lost that was to be lost."""
@@ -83,7 +98,10 @@ class WatchedZlac(SimZlac):
             raise Refusal(ILLEGAL_VALUE)
         self.asked.append((now, text))
         stop = text in (word(ControlWord.EMERGENCY_STOP), "1020880002" + "0400000000")
-        reply = pdu[:5] if stop and self.deaf_to_stops else super().answer(pdu, now, broadcast=broadcast)
+        if self.clears_in_position_mode_only and not self.mode.is_position and text.startswith("062005"):
+            return pdu
+        ignored = text.startswith(self.ignored) or (stop and self.deaf_to_stops)
+        reply = pdu[:5] if ignored else super().answer(pdu, now, broadcast=broadcast)
         self.right.faults |= self.lasting
         return None if _take(self._lost_replies, text) else reply
 
@@ -93,6 +111,10 @@ def _take(starts: list[str], text: str) -> bool:
     if found is not None:
         starts.remove(found)
     return found is not None
+
+
+def _words(data: bytes) -> list[int]:
+    return [int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data), 2)]
 
 
 def word(control: ControlWord) -> str:

@@ -14,6 +14,7 @@ from rs485bus.errors import (
     MoveCancelled,
     MoveFailed,
     NotEnabled,
+    NotSent,
     RearmRequired,
     StopUnconfirmed,
 )
@@ -23,21 +24,29 @@ EMERGENCY_STOP = word(ControlWord.EMERGENCY_STOP)
 ENABLE = word(ControlWord.ENABLE)
 
 
-async def under_way(p: Plant, how: str) -> None:
-    """Have both wheels turn in some way."""
+async def under_way(p: Plant, how: str) -> list[Both[float] | Move]:
+    """Have both wheels turn in some way. Returns what they are carrying out."""
+    moves: list[Both[float] | Move] = []
     if how == "velocity":
         await p.base.run(100, -100)
     elif how == "torque":
         await p.base.torque(2000, -2000, slope=4000)
         await asyncio.sleep(1.0)
     elif how == "together":
-        p.base.move_to(50.0, -50.0, rpm=100)
+        moves = [p.base.move_to(50.0, -50.0, rpm=100)]
         await asyncio.sleep(2.0)
     else:
-        p.base.left.move_to(50.0, rpm=100)
-        p.base.right.move_to(-50.0, rpm=100)
+        moves = [p.base.left.move_to(50.0, rpm=100), p.base.right.move_to(-50.0, rpm=100)]
         await asyncio.sleep(2.0)
     assert all(abs(rpm) > 40 for rpm in p.rpm())
+    return moves
+
+
+async def all_failed(moves: list[Both[float] | Move]) -> None:
+    """See each of them fail."""
+    for move in moves:
+        with pytest.raises((MotionError, NotSent)):
+            await move
 
 
 WAYS = ["velocity", "torque", "together", "one by one"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from rs485bus.bus.attached import Attached
+from rs485bus.bus.attached import Attached, Watchdog
 from rs485bus.bus.feeding import Watch, admit
 from rs485bus.bus.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.owner import Owner
@@ -82,31 +82,60 @@ def admit_watchdogs(owner: Owner, devices: Iterable[Attached], timeout: float) -
 def arm(owner: Owner, devices: Sequence[Attached], timeout: float) -> Procedure[list[Job]]:
     """Set the watchdogs of some devices and feed them from then on. Returns the jobs that failed; none if all is well.
 
-    Admission comes first (`admit_watchdogs`).
+    Where it can be read, what the watchdog was set to before is kept for `release`. Admission comes first
+    (`admit_watchdogs`).
     """
     failed = []
     for device in devices:
         watchdog = device.watchdog
         assert watchdog is not None
         station = owner.stations[device.address]
-        write = Job(watchdog.write(check_watchdog(device, timeout)), internal=True)
-        yield write
-        if write.outcome is not Outcome.REPLY:
-            failed.append(write)
+        milliseconds = check_watchdog(device, timeout)
+        job = yield from _look_at(watchdog)
+        if job is not None and job.outcome is Outcome.REPLY and station.former is None:
+            station.former = watchdog.decode(job.reply)
+        if job is None or (job.outcome is Outcome.REPLY and watchdog.decode(job.reply) != milliseconds):
+            job = yield from _set(watchdog, milliseconds)
+        if job.outcome is not Outcome.REPLY:
+            failed.append(job)
             continue
-        watch = _watch(owner.pair.line, device, timeout, write.sent_at)
+        watch = _watch(owner.pair.line, device, timeout, job.sent_at)
         # What the first attempt wrote may be armed since then.
-        watch.heard_at = write.answered_since
+        watch.heard_at = job.answered_since
         owner.feeding.arm(watch)
         station.rearm = timeout
     return failed
 
 
-def release(owner: Owner, devices: Sequence[Attached], restore: dict[int, int]) -> Procedure[list[Halted]]:
+def _look_at(watchdog: Watchdog) -> Procedure[Job | None]:
+    """Read what a watchdog is set to. None where that cannot be read."""
+    request = watchdog.read()
+    if request is None:
+        return None
+    job = Job(request, internal=True)
+    yield job
+    return job
+
+
+def _set(watchdog: Watchdog, milliseconds: int) -> Procedure[Job]:
+    """Set a watchdog, and read it back where that can be done. Returns the job that tells whether it is set."""
+    write = Job(watchdog.write(milliseconds), internal=True)
+    yield write
+    if write.outcome is not Outcome.REPLY:
+        return write
+    back = yield from _look_at(watchdog)
+    if back is None or back.outcome is not Outcome.REPLY:
+        return back or write
+    if watchdog.decode(back.reply) != milliseconds:
+        write.outcome = Outcome.REFUSED  # it said yes and did not do it
+    return write
+
+
+def release(owner: Owner, devices: Sequence[Attached]) -> Procedure[list[Halted]]:
     """Stop some devices, see each stand, and restore their watchdogs to what they were.
 
-    All are stopped before the first is confirmed. What is not seen standing stays armed, and is not fed any more.
-    Returns how each ended up.
+    All are stopped before the first is confirmed. What is not seen standing stays armed, and is not fed any more. A
+    watchdog that was on before it was armed is on again, and goes on being fed. Returns how each ended up.
     """
     halts = [owner.halt(owner.stations[device.address], device.motion, emergency=False) for device in devices]
     halted: list[Halted] = []
@@ -117,14 +146,18 @@ def release(owner: Owner, devices: Sequence[Attached], restore: dict[int, int]) 
         station.rearm = None
         if not ended.standing:
             owner.muzzle(station)
-        elif device.watchdog is not None and owner.feeding.get(device.address) is not None:
-            former = restore.get(device.address, device.watchdog.off)
-            write = Job(device.watchdog.write(former), internal=True)
-            yield write
-            if write.outcome is Outcome.REPLY:
-                owner.feeding.disarm(device.address)
-            else:
+        elif device.watchdog is not None and (watch := owner.feeding.get(device.address)) is not None:
+            former = device.watchdog.off if station.former is None else station.former
+            if former == round(watch.timeout * 1000):
+                continue
+            job = yield from _set(device.watchdog, former)
+            if job.outcome is not Outcome.REPLY:
                 owner.feeding.mute(device.address)
+            elif former == device.watchdog.off:
+                owner.feeding.disarm(device.address)
+                station.former = None
+            else:
+                owner.feeding.arm(_watch(owner.pair.line, device, former / 1000, job.sent_at))
     return halted
 
 
@@ -195,7 +228,7 @@ def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
             devices.append(device)
         elif armed and device.watchdog is not None:
             yield Job(device.watchdog.write(device.watchdog.off), internal=True)
-    return (yield from release(owner, devices, {}))
+    return (yield from release(owner, devices))
 
 
 def emergency_stop(owner: Owner) -> Procedure[EmergencyReport]:

@@ -31,6 +31,7 @@ class Handle(Generic[T]):
         self._result: T | None = None
         self._error: Exception | None = None
         self._waiters: list[asyncio.Future[None]] = []
+        self._callbacks: list[Callable[[Handle[Any]], None]] = []
 
     def __repr__(self) -> str:
         state = "on its way" if not self._over else "done" if self._error is None else f"failed: {self._error}"
@@ -44,6 +45,10 @@ class Handle(Generic[T]):
     def error(self) -> Exception | None:
         """Why it failed, once it has."""
         return self._error
+
+    def add_done_callback(self, callback: Callable[[Handle[Any]], None]) -> None:
+        """Have `callback` called with this handle when it ends, before anybody who awaits it goes on."""
+        self._callbacks.append(callback)
 
     async def wait(self) -> T:
         """Wait for its end. As a coroutine function it suits `TaskGroup.create_task` and `start_soon`.
@@ -83,6 +88,8 @@ class Handle(Generic[T]):
     def _end(self) -> None:
         if not self._over:
             self._over = True
+            for callback in self._callbacks:
+                callback(self)
             for waiter in self._waiters:
                 settle(waiter, None)
 

@@ -19,6 +19,7 @@ class Station:
     __slots__ = (
         "address",
         "attached",
+        "former",
         "halt",
         "lapsed",
         "last_read",
@@ -52,6 +53,8 @@ class Station:
         """Its lease was not renewed, nor has it been since."""
         self.rearm: float | None = None
         """The watchdog time, in seconds, to arm it with when it is."""
+        self.former: int | None = None
+        """What its watchdog was set to before it was armed here, in ms, if that could be read."""
 
     def attach(self, attached: Attached | None) -> None:
         """A device is known at this address, with timing of its own if it has any."""

@@ -121,7 +121,7 @@ class Watchdog:
         if bus.owner.gate.closed:
             return []  # closing the bus has released it
         released = asyncio.get_running_loop().create_future()
-        bus.start(release(bus.owner, self._devices, {}), lambda halted: settle(released, halted))
+        bus.start(release(bus.owner, self._devices), lambda halted: settle(released, halted))
         bound = bus.after(bus.config.close_timeout, lambda: settle(released, self._unconfirmed()))
         cancelled = await outlast(released)
         bound.cancel()

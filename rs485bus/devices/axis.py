@@ -111,14 +111,14 @@ class Axis(Conduct):
         """
         pace = self._pace(rpm, acceleration)
         if self._planned is not None:
-            self._target(self._planned + distance)
+            self._target(self._planned + distance, self._reach)
         move = self._new_move(f"move by {distance:g}", None)
         self._planned = None if self._planned is None else self._planned + distance
 
         def target(look: Look) -> float:
-            return self._start(look) + distance
+            return self._starts_from(look) + distance
 
-        self._orders.add(move, lambda: self._move(move, target, pace))
+        self._orders.add(move, lambda: self._move(move, target, pace, self._reach))
         return move
 
     def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
@@ -187,6 +187,11 @@ class Axis(Conduct):
     def target_range(self) -> tuple[int, int]:
         """The lowest and highest absolute target that the drive can be given, in counts."""
 
+    @property
+    def _reach(self) -> tuple[int, int]:
+        """The same for a move by a distance, where the drive can go further so."""
+        return self.target_range
+
     @abstractmethod
     def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
         """What the drive makes of a speed and an acceleration; None for the axis' own.
@@ -222,11 +227,11 @@ class Axis(Conduct):
             low, high = self.limits
             raise LimitExceeded(f"{self.name}: position {position:g} is outside its limits {low:g}..{high:g}.")
 
-    def _target(self, position: float) -> int:
+    def _target(self, position: float, reach: tuple[int, int] | None = None) -> int:
         """A position in counts. Raises `LimitExceeded` where the limits or the drive's register do not allow it."""
         self._check_limits(position)
         counts = self._to_counts(position)
-        lowest, highest = self.target_range
+        lowest, highest = self.target_range if reach is None else reach
         if not lowest <= counts <= highest:
             ends = sorted((self._to_units(lowest), self._to_units(highest)))
             raise LimitExceeded(
@@ -254,7 +259,7 @@ class Axis(Conduct):
             )
         self._orders.check()
 
-    def _start(self, look: Look) -> float:
+    def _starts_from(self, look: Look) -> float:
         """Where a relative move starts: at the last target if that was reached, else where the axis stands."""
         if self._commanded is None:
             return self._to_units(look.position)
@@ -265,10 +270,12 @@ class Axis(Conduct):
             else self._to_units(self._commanded)
         )
 
-    async def _move(self, move: Move, position: Callable[[Look], float], pace: Pace) -> float:
+    async def _move(
+        self, move: Move, position: Callable[[Look], float], pace: Pace, reach: tuple[int, int] | None = None
+    ) -> float:
         def target(look: Look) -> int:
             move.target = position(look)
-            return self._target(move.target)
+            return self._target(move.target, reach)
 
         look = await self._carry_out(move, target, pace)
         self._exact = move.target

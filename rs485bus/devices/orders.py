@@ -61,6 +61,8 @@ class Orders:
 
     def add(self, handle: Handle[T], carry_out: Callable[[], Awaitable[T]]) -> None:
         """Queue a command that was checked."""
+        if self._hold is not None and self._hold.done():
+            self._hold = None  # whoever commands it now knows how that stop ended
         self._waiting.append((handle, carry_out))
         if self._worker is None:
             self._worker = self._bus.spawn(self._work(), f"rs485bus {self._name}")

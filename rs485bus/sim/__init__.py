@@ -6,5 +6,6 @@ from rs485bus.sim.mks import SimMks
 from rs485bus.sim.mks_machine import Machine
 from rs485bus.sim.noise import Noise
 from rs485bus.sim.virtual_line import VirtualLine
+from rs485bus.sim.zlac import SimZlac
 
-__all__ = ["Machine", "Noise", "SimDevice", "SimMks", "SimUnit", "VirtualClockLoop", "VirtualLine"]
+__all__ = ["Machine", "Noise", "SimDevice", "SimMks", "SimUnit", "SimZlac", "VirtualClockLoop", "VirtualLine"]

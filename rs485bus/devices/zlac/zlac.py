@@ -1,0 +1,358 @@
+"""ZLAC8015D: two hub motors on one address. Source: ZLAC8015D RS485 V1.06."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Literal, TypeVar
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle
+from rs485bus.bus.stopping import Halted
+from rs485bus.bus.watch import Watchdog
+from rs485bus.devices.move import Move
+from rs485bus.devices.zlac import registers as r
+from rs485bus.devices.zlac.attached import ZlacAttached
+from rs485bus.devices.zlac.driver import ZlacDriver, ZlacOptions
+from rs485bus.devices.zlac.frames import MAX_ADDRESS
+from rs485bus.devices.zlac.modes import ZlacModes
+from rs485bus.devices.zlac.parameters import check_parameter, write_parameter
+from rs485bus.devices.zlac.setup import SetUp, ZlacSetup
+from rs485bus.devices.zlac.status import ZlacStatus, read_status
+from rs485bus.devices.zlac.telemetry import Snapshot, StatusWord
+from rs485bus.devices.zlac.together import Both, Together
+from rs485bus.devices.zlac.values import Brake, ShaftState, Side
+from rs485bus.devices.zlac.wheel import ZlacWheel
+from rs485bus.errors import NotSent, RearmRequired
+from rs485bus.wire.registers import Register
+
+T = TypeVar("T")
+
+
+class Zlac8015d:
+    """A ZLAC8015D drive and its two wheels, `left` and `right`.
+
+    Each wheel is an axis of its own; the drive's verbs command both at once. Commands queue for each wheel, and one of
+    the pair begins when both wheels have come to it.
+
+    Args:
+        bus: the bus it is on.
+        address: 1..127.
+        units_per_turn: positions are in units of this many to a turn of a wheel; 1 for turns.
+        reverse: for the left and the right wheel, whether positive is the other way round. On most vehicles one wheel
+            is mounted mirrored.
+        limits: lowest and highest position that a wheel may go to, in units.
+        rpm: the speed of moves that name none.
+        acceleration: the acceleration of moves that name none, in rpm/s.
+        max_rpm: the highest speed, in rpm. What the drive is set to (0x2008) may lower it; 3000 is the end.
+        tolerance: counts by which a position may differ from its target.
+        encoder_lines: what the motors have. Another value in the drive is reported; None to trust the drive.
+        speed_resolution: steps to one rpm, 1..10, that the drive is set to (0x2022); None to leave it as it is.
+        status_word_left: which half of the status word is the left wheel's. The manual says the low one, users the
+            high one. Nothing that concerns safety depends on it.
+        ramp_rpm: the change of speed, in rpm, that takes a ramp time. The manual does not say; None for any change.
+        smooth_stop: stop positions and torques by a change to velocity mode with target 0, with the ramp. The manual
+            does not say whether wheels that turn obey that; without, they are stopped by the emergency stop's ramp.
+        scaled_position_speed: whether 0x2022 scales the speed of positions, too. The manual does not say; where it
+            does and this is False, they are too slow.
+        zero_in_position_mode: set zero in position mode, as the text of 0x2005 may mean, instead of velocity mode.
+
+    Raises:
+        AddressInUse: there is a facade for this address already.
+        LimitExceeded, ValueError: an argument is out of its range.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        address: int,
+        *,
+        units_per_turn: float = 1.0,
+        reverse: tuple[bool, bool] = (False, False),
+        limits: tuple[float, float] | None = None,
+        rpm: float = 60.0,
+        acceleration: float = 120.0,
+        max_rpm: float = 1000.0,
+        tolerance: int = 16,
+        encoder_lines: int | None = None,
+        speed_resolution: int | None = None,
+        status_word_left: Literal["low", "high"] = "low",
+        ramp_rpm: float | None = None,
+        smooth_stop: bool = False,
+        scaled_position_speed: bool = False,
+        zero_in_position_mode: bool = False,
+    ) -> None:
+        if not 1 <= address <= MAX_ADDRESS:
+            raise ValueError(f"address {address} is outside 1..{MAX_ADDRESS}; 0 is everyone's, not a drive's")
+        if speed_resolution is not None:
+            r.SPEED_RESOLUTION.raw(speed_resolution)
+        self.bus = bus
+        self.address = address
+        attached = ZlacAttached(
+            address,
+            smooth_stop=smooth_stop,
+            told=self._heard,
+            interrupted=self._was_interrupted,
+            quick_stopped=self._quick_stopped,
+        )
+        self.attached: Attached = attached
+        options = ZlacOptions(
+            max_rpm=max_rpm,
+            encoder_lines=encoder_lines,
+            speed_resolution=speed_resolution,
+            status_word_left=status_word_left,
+            ramp_rpm=ramp_rpm,
+            scaled_position_speed=scaled_position_speed,
+            zero_in_position_mode=zero_in_position_mode,
+        )
+        self._driver = ZlacDriver(bus, attached, options, self._restarted)
+        self._modes = ZlacModes(self._driver)
+        self._set_up = SetUp(self._driver)
+        self.left, self.right = (
+            ZlacWheel(
+                self._modes,
+                self._set_up,
+                side,
+                units_per_turn=units_per_turn,
+                reverse=reverse[side.index],
+                limits=limits,
+                rpm=rpm,
+                acceleration=acceleration,
+                tolerance=tolerance,
+            )
+            for side in Side
+        )
+        self.left.other, self.right.other = self.right, self.left
+        self._wheels = (self.left, self.right)
+        self._runs: list[Both[float]] = []
+        """Those that another one may replace."""
+        self.name = self._driver.name
+        bus.attach(self)
+
+    def __repr__(self) -> str:
+        return f"<{self.name}>"
+
+    # Verbs
+
+    def enable(self) -> Both[None]:
+        """Hold both wheels, so that they take commands. Nothing that they were told before goes on.
+
+        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
+        """
+        return Both(self.left.enable(), self.right.enable())
+
+    def release(self) -> Both[None]:
+        """Let go of both wheels, once what is queued is done and they stand. They can be turned then, and roll away."""
+        return self._once("release", self._let_go, standing=True)
+
+    def clear_faults(self) -> Both[None]:
+        """Clear the errors of both wheels. They are released then: `enable()`.
+
+        Raises, when awaited:
+            DriveFault: what caused them is still there.
+        """
+        for wheel in self._wheels:
+            wheel.forgive()
+        return self._once("clear_faults", self._modes.clear_faults, standing=False)
+
+    def move_to(
+        self, left: float, right: float, *, rpm: float | None = None, acceleration: float | None = None
+    ) -> Both[float]:
+        """Send both wheels to positions, started by one frame. Arguments and errors as for an axis."""
+        return self._pair(lambda wheel, to: wheel.move_to(to, rpm=rpm, acceleration=acceleration), left, right)
+
+    def move_by(
+        self, left: float, right: float, *, rpm: float | None = None, acceleration: float | None = None
+    ) -> Both[float]:
+        """Send both wheels a way, started by one frame. Arguments and errors as for an axis."""
+        return self._pair(lambda wheel, by: wheel.move_by(by, rpm=rpm, acceleration=acceleration), left, right)
+
+    def run(
+        self,
+        left: float,
+        right: float,
+        *,
+        acceleration: float | None = None,
+        duration: float | None = None,
+        replace: bool = False,
+    ) -> Both[float]:
+        """Turn both wheels at speeds, in rpm, told by one frame. Arguments and errors as for an axis.
+
+        Args:
+            left: the left wheel's speed.
+            right: the right wheel's speed.
+            acceleration: rpm/s.
+            duration: seconds; None to go on until told otherwise.
+            replace: do not wait until the pair has the speeds told before. Such a run ends as done; one that has not
+                begun is cancelled.
+        """
+        both = self._pair(lambda wheel, rpm: wheel.run(rpm, acceleration=acceleration, duration=duration), left, right)
+        if replace:
+            for earlier in self._runs:
+                self._replace(earlier)
+        self._runs = [earlier for earlier in self._runs if not earlier.done()]
+        if duration is None:
+            self._runs.append(both)
+        return both
+
+    def torque(self, left: int, right: int, *, slope: int | None = None) -> Both[float]:
+        """Push with both wheels, in mA, told by one frame. Arguments and errors as for a wheel."""
+        return self._pair(lambda wheel, torque: wheel.torque(torque, slope=slope), left, right)
+
+    def set_zero(self) -> Both[None]:
+        """Make the positions at which both wheels then stand their zeros."""
+        return Both(self.left.set_zero(), self.right.set_zero())
+
+    def stop(self) -> Handle[None]:
+        """Stop both wheels, with the ramp where they run at speeds; see them stand, and drop what is queued."""
+        return self._stop(emergency=False)
+
+    def emergency_stop(self) -> Handle[None]:
+        """Stop both wheels as fast as the drive can, see them stand, and drop what is queued. Then `enable()`."""
+        return self._stop(emergency=True)
+
+    def set_brakes(self, left: Brake, right: Brake) -> Both[None]:
+        """Open or close the external brakes, once both wheels stand (3.6). The drive saves it in its EEPROM: a brake
+        that works with every stop is better wired to an output (0x201C, 0x201D)."""
+
+        async def write() -> None:
+            await self._driver.write(r.BRAKE.left, left)
+            await self._driver.write(r.BRAKE.right, right)
+
+        return self._once("set_brakes", write, standing=True)
+
+    def set_parameter(self, register: Register[T], value: T, *, save: bool = False) -> Both[None]:
+        """Set one of `registers`, once both wheels stand.
+
+        Args:
+            register: what to set.
+            value: in the register's unit.
+            save: whether the drive keeps it when it is switched off. It then goes to the EEPROM, which takes some
+                hundred thousand writes in all.
+
+        Raises:
+            LimitExceeded: the value is out of its range.
+            NotSupported: the facade sets it itself, or it changes who answers: then `bus.unit()` writes it.
+        """
+        check_parameter(self._driver, register, value)
+        return self._once(
+            f"set {register.name}", lambda: write_parameter(self._driver, register, value, save), standing=False
+        )
+
+    def watchdog(self, timeout: float, *, lease: float | None = None) -> Watchdog:
+        """Guard both wheels by the drive's own watchdog while a block runs. As `Bus.watchdog`."""
+        return self.bus.watchdog(self, timeout=timeout, lease=lease)
+
+    # Questions
+
+    async def set_up(self) -> ZlacSetup:
+        """Set the drive up now instead of before the first command, and say what was found."""
+        return await self._set_up()
+
+    async def snapshot(self) -> Snapshot:
+        """Counts, speeds, torques, errors and status word of both wheels at one moment, in the drive's own terms."""
+        return await self._driver.sample()
+
+    async def status(self) -> ZlacStatus:
+        """What the drive reports. The wheels are of one moment."""
+        await self._set_up()
+        return await read_status(self._driver, self.left, self.right)
+
+    async def parameter(self, register: Register[T]) -> T:
+        """What one of `registers` holds."""
+        return await self._driver.read(register)
+
+    async def parameters(self, side: Side) -> dict[str, float]:
+        """All parameters of one motor, by name, in their units."""
+        return {twin.of(side).name: await self._driver.read(twin.of(side)) for twin in r.PARAMETERS}
+
+    @property
+    def speed_resolution(self) -> int:
+        """Steps to one rpm (0x2022), as far as is known: 1 before it was set up."""
+        return self._driver.speed_resolution
+
+    async def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target, of either wheel."""
+        await self.left.drain()
+
+    # Inside
+
+    def _pair(self, command: Callable[[ZlacWheel, T], Move], left: T, right: T) -> Both[float]:
+        """Queue a command for both wheels, which they carry out together."""
+        first = command(self.left, left)
+        try:
+            second = command(self.right, right)
+        except Exception:
+            first.cancel()
+            raise
+        both = Both[float](first, second)
+        together = Together(lambda side: self._wheels[side.index].drop((first, second)[side.index]))
+        for wheel, move in zip(self._wheels, (first, second), strict=True):
+            wheel.pair(move, together)
+        return both
+
+    def _replace(self, run: Both[float]) -> None:
+        if self.left.carries_out(run.left) or self.right.carries_out(run.right):
+            for part in (run.left, run.right):
+                self._modes.hurry(part)
+        else:
+            run.cancel()
+
+    def _once(self, what: str, act: Callable[[], Awaitable[None]], *, standing: bool) -> Both[None]:
+        """Queue something for both wheels that is done once."""
+        parts: list[Handle[None]] = []
+        together = Together(lambda side: self._wheels[side.index].drop(parts[side.index]))
+        parts += [wheel.order_together(what, together, act, standing) for wheel in self._wheels]
+        return Both(*parts)
+
+    async def _let_go(self) -> None:
+        await self._modes.release()
+        for wheel in self._wheels:
+            wheel.released()
+
+    def _stop(self, emergency: bool) -> Handle[None]:
+        handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
+        self._modes.doubt(emergency)
+        for wheel in self._wheels:
+            wheel.taken_along(f"{self.name} was stopped")
+            wheel.hold(handle)
+
+        def told(halted: Halted) -> None:
+            if halted.standing:
+                handle.finish(None)
+            else:
+                left, _ = (wheel.unconfirmed() for wheel in self._wheels)
+                handle.fail(left)
+
+        self.bus.halt(self.attached, self.attached.motion, emergency=emergency, told=told)
+        return handle
+
+    def abandon(self, why: str) -> None:
+        """End everything that is queued. For the bus."""
+        for wheel in self._wheels:
+            wheel.abandon(why)
+
+    def _heard(self, word: StatusWord) -> None:
+        """The answer to a feed: a wheel stands, perhaps earlier than it should."""
+        if not word.running or word.either(ShaftState.ALARM) or word.either(ShaftState.EMERGENCY_STOP):
+            for wheel in self._wheels:
+                wheel.told_standing()
+
+    def _was_interrupted(self, unheard: float, reason: str) -> None:
+        self._driver.known = self._modes.ready = False
+        locked = self.bus.owner.stations[self.address].locked
+        for wheel in self._wheels:
+            wheel.interrupted(
+                RearmRequired(f"{wheel.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
+                if locked
+                else NotSent(f"{wheel.name}: {reason}. It is stopped as soon as the port is there again.")
+            )
+
+    def _quick_stopped(self, emergency: bool) -> None:
+        self._modes.quick_stopped(emergency, any(wheel.enabled for wheel in self._wheels))
+        for wheel in self._wheels:
+            wheel.disabled()
+
+    def _restarted(self) -> None:
+        for wheel in self._wheels:
+            wheel.restarted()

@@ -31,7 +31,7 @@ class Handle(Generic[T]):
         self._result: T | None = None
         self._error: Exception | None = None
         self._waiters: list[asyncio.Future[None]] = []
-        self._callbacks: list[Callable[[Handle[Any]], None]] = []
+        self._callbacks: list[Callable[[Handle[Any]], object]] = []
 
     def __repr__(self) -> str:
         state = "on its way" if not self._over else "done" if self._error is None else f"failed: {self._error}"
@@ -46,7 +46,7 @@ class Handle(Generic[T]):
         """Why it failed, once it has."""
         return self._error
 
-    def add_done_callback(self, callback: Callable[[Handle[Any]], None]) -> None:
+    def add_done_callback(self, callback: Callable[[Handle[Any]], object]) -> None:
         """Have `callback` called with this handle when it ends, before anybody who awaits it goes on."""
         self._callbacks.append(callback)
 

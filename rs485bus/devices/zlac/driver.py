@@ -68,6 +68,8 @@ class ZlacDriver:
         self._sampling = asyncio.Lock()
         self._sampled: Snapshot | None = None
         self._sampled_at = self._changed_at = bus.now()
+        self.changing = asyncio.Lock()
+        """Held while its mode is changed."""
         self._held: dict[int, int] = {}
         """The ramps and speeds that the drive holds, by address."""
         self._putting = asyncio.Lock()
@@ -153,11 +155,8 @@ class ZlacDriver:
             await self._read_held()
 
     async def _read_held(self) -> None:
-        for block in (r.RAMPS, r.TARGETS):
-            values = await self.read_block(block)
-            for field, value in zip(block.fields, values, strict=True):
-                assert isinstance(field, Register)
-                self._held[field.address] = value
+        values = iter(await self.read_block(r.CONTROL_BLOCK))
+        self._held = {twin.of(side).address: next(values) for twin in r.CONTROLS for side in Side}
         self._see_ramps()
 
     def _see_ramps(self) -> None:

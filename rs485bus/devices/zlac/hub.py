@@ -131,6 +131,9 @@ class HubMotor(Axis):
     async def _look(self, *, quick: bool = False) -> Look:
         seen, moving = await self._glance(quick=quick)
         self._check_faults(seen)
+        if seen.status.either(ShaftState.EMERGENCY_STOP):
+            # That is why it is not enabled: not because it restarted.
+            self._enabled = self.other._enabled = self.modes.ready = False
         return Look(seen.at, seen.motion[self.side.index].position, moving, seen.status.enabled)
 
     async def velocity(self) -> float:
@@ -222,7 +225,6 @@ class HubMotor(Axis):
     # Stopping
 
     def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
-        self.modes.speeds[self.side] = 0.0
         self.driver.changed()
         if motion is None and self.modes.doubt(emergency):
             motion = self.attached.motion
@@ -239,7 +241,6 @@ class HubMotor(Axis):
 
     def stopped(self) -> None:
         """The drive is stopped."""
-        self.modes.speeds[self.side] = 0.0
         self._running = False
         self._forget()
 
@@ -273,8 +274,8 @@ class HubMotor(Axis):
         return self.driver.attached.mode
 
     def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
-        wanted = self.rpm if rpm is None else rpm
         limit = self.driver.speed_limit
+        wanted = min(self.rpm, limit) if rpm is None else rpm
         if not 0 < wanted <= limit:
             raise LimitExceeded(
                 f"{self.name}: {wanted:g} rpm is outside 0..{limit:g} rpm, the least of max_rpm, 0x2008 and {r.MAX_RPM}"

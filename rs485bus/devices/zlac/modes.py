@@ -69,9 +69,7 @@ class ZlacModes:
         self._under_way: set[Side] = set()
         self._freed = asyncio.Event()
         self._turns = asyncio.Lock()
-        self._changing = asyncio.Lock()
-        self.speeds = {Side.LEFT: 0.0, Side.RIGHT: 0.0}
-        """What the wheels were told to turn at, in rpm."""
+        self._speeds = {Side.LEFT: 0.0, Side.RIGHT: 0.0}
 
     # Who does what
 
@@ -115,6 +113,10 @@ class ZlacModes:
         reason."""
         return self._kept.get(side) if self.driver.attached.sides[side].may_move else None
 
+    def speed(self, side: Side) -> float:
+        """How fast a wheel was told to turn, in rpm; 0 if it does not keep a speed."""
+        return abs(self._speeds[side]) if self.keeps(side) is ControlMode.VELOCITY else 0.0
+
     def hurry(self, run: Handle[Any]) -> None:
         """Do not wait for the speed of a run, nor tell it if it was not told yet: another one follows."""
         if not run.done():
@@ -134,7 +136,7 @@ class ZlacModes:
 
         # Who is under way does not come here to wait: it is so for him.
         while not is_so():
-            async with self._changing:
+            async with self.driver.changing:
                 while not is_so() and self._under_way.difference(sides):
                     self._freed.clear()
                     await self._freed.wait()
@@ -179,7 +181,7 @@ class ZlacModes:
             DriveFault: it reports an error.
             NotEnabled: it does not do so.
         """
-        async with self._changing:
+        async with self.driver.changing:
             seen = await self.driver.sample()
             self.check_faults(seen)
             if seen.status.enabled and (self.ready or self.busy) and not self.paused:
@@ -211,7 +213,7 @@ class ZlacModes:
 
     async def release(self) -> None:
         """Let go of both wheels (0x07). They can be turned by hand then, and roll away on a slope."""
-        async with self._changing:
+        async with self.driver.changing:
             self.ready = self.paused = False
             await self._control(ControlWord.RELEASE)
 
@@ -221,7 +223,7 @@ class ZlacModes:
         Raises:
             DriveFault: they are there again.
         """
-        async with self._changing:
+        async with self.driver.changing:
             self.ready = False
             await self._zero_targets()
             await self._control(ControlWord.CLEAR_FAULT)
@@ -281,10 +283,10 @@ class ZlacModes:
         times = {}
         for side, (rpm, acceleration) in wanted.items():
             # The way down is set with the way up: whatever stops the wheel next then has the ramp that fits its speed.
-            fastest = max(abs(rpm), abs(self.speeds[side]))
+            fastest = max(abs(rpm), self.speed(side))
             times[side] = min(r.MAX_RAMP, round(1000 * (driver.options.ramp_rpm or fastest) / acceleration))
         await driver.put((r.ACCELERATION_TIME, times), (r.DECELERATION_TIME, times))
-        self.speeds.update({side: rpm for side, (rpm, _) in wanted.items()})
+        self._speeds.update({side: rpm for side, (rpm, _) in wanted.items()})
         steps = {side: round(rpm * driver.speed_resolution) for side, (rpm, _) in wanted.items()}
         await self._tell(r.TARGET_VELOCITY, steps)
 

@@ -6,6 +6,7 @@ from typing import Any, Final, TypeVar
 
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.driver import ZlacDriver
+from rs485bus.devices.zlac.values import Side
 from rs485bus.errors import NotSupported
 from rs485bus.wire.registers import Register
 
@@ -41,3 +42,12 @@ async def write_parameter(driver: ZlacDriver, register: Register[T], value: T, s
         driver.known = False  # it may be one that positions or speeds depend on
         if flagged:
             await driver.write(r.SAVE_WRITES, False)
+
+
+async def read_parameters(driver: ZlacDriver, side: Side) -> dict[str, float]:
+    """All parameters of one motor, by name, in their units."""
+    parameters = {}
+    for block in r.PARAMETER_BLOCKS[side]:
+        values = await driver.read_block(block)
+        parameters.update({field.name: value for field, value in zip(block.fields, values, strict=True)})
+    return parameters

@@ -5,7 +5,7 @@ left first. The manual prints 32-bit values as two rows; they are one here, high
 
 The manual marks some registers as saved (`SAVED`). All others are kept beyond a power cycle only if they were
 written while 0x2010 was 1; then **every** write goes to the EEPROM, speeds and targets too. An EEPROM wears out with
-some hundred thousand writes: at 20 speeds a second that is an afternoon. So the facade keeps 0x2010 at 0 but for the
+some hundred thousand writes: at 20 speeds a second that takes hours. So the facade keeps 0x2010 at 0 but for the
 one write that is to be saved.
 """
 
@@ -277,18 +277,6 @@ TERMINALS: Final = Block(
 )
 SHAFT_AND_SPEED: Final = Block("shaft and speed", 0x2007, (POWER_ON_SHAFT, SPEED_LIMIT), 2)
 MODES: Final = Block("modes", 0x200D, (MODE, CONTROL, SYNCHRONY, SAVE_WRITES), 4)
-RAMPS: Final = Block(
-    "ramps",
-    0x2080,
-    (*_pair(ACCELERATION_TIME), *_pair(DECELERATION_TIME), *_pair(QUICK_STOP_TIME), *_pair(TORQUE_SLOPE)),
-    8,
-)
-TARGETS: Final = Block(
-    "targets",
-    0x2088,
-    (*_pair(TARGET_VELOCITY), *_pair(TARGET_POSITION), *_pair(POSITION_SPEED), *_pair(TARGET_TORQUE)),
-    10,
-)
 
 # All of them
 
@@ -312,6 +300,19 @@ REPORTS: Final[tuple[Register[Any], ...]] = (
     *(VERSION, BUS_VOLTAGE, STATUS, HALL_STATES, MOTOR_TEMPERATURES, *_pair(ERRORS), *_pair(POSITION)),
     *(*_pair(VELOCITY), *_pair(TORQUE), CONNECTED, DRIVE_TEMPERATURE),
 )
+CONTROL_BLOCK: Final = Block("control", 0x2080, tuple(side for twin in CONTROLS for side in _pair(twin)), 18)
+
+
+def _parameter_block(side: Side, twins: tuple[Twin[float], ...]) -> Block:
+    registers = tuple(twin.of(side) for twin in twins)
+    return Block(f"{side.name.lower()} parameters", registers[0].address, registers, len(registers))
+
+
+# There is a gap of two addresses behind the gains of the position loop.
+_LOOPS: Final = PARAMETERS.index(POSITION_KF) + 1
+PARAMETER_BLOCKS: Final = {
+    side: (_parameter_block(side, PARAMETERS[:_LOOPS]), _parameter_block(side, PARAMETERS[_LOOPS:])) for side in Side
+}
 ALL: Final[tuple[Register[Any], ...]] = (
     *COMMON,
     *(register for twin in PARAMETERS for register in _pair(twin)),

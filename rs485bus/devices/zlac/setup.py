@@ -64,7 +64,8 @@ class SetUp:
     async def _set_up(self) -> ZlacSetup:
         driver = self._driver
         remarks: list[str] = []
-        await _modes(driver, remarks)
+        async with driver.changing:
+            await _modes(driver, remarks)
         await _speeds(driver, remarks)
         driver.counts_per_turn = await _counts(driver, remarks)
         await driver.read_held()
@@ -95,7 +96,7 @@ async def _modes(driver: ZlacDriver, remarks: list[str]) -> None:
         await driver.write(r.SAVE_WRITES, False)
         remarks.append(
             "it was saving every write to its EEPROM (0x2010), speeds and targets too, which wears that out within "
-            "days. It does not any more; set_parameter(..., save=True) saves what it is to keep"
+            "hours. It does not any more; set_parameter(..., save=True) saves what it is to keep"
         )
     if not driver.attached.motion.may_move:
         # Written at every connect: the tables of 3.2 and 4 disagree with its routines about what the values mean.

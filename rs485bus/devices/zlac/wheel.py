@@ -70,6 +70,7 @@ class ZlacWheel(HubMotor):
     def pair(self, handle: Handle[Any], together: Together) -> None:
         """Carry this out together with the other wheel."""
         self._pairs[handle] = together
+        handle.add_done_callback(lambda ended: self._pairs.pop(ended, None))
         together.join(self.side, handle)
 
     def order_together(
@@ -78,9 +79,14 @@ class ZlacWheel(HubMotor):
         """Queue something that is done once when both wheels have come to it, and stand if they must."""
 
         async def carry_out() -> None:
-            if self._running and standing:
-                await self._stand_still()
-            await together.meet(self.side, None, lambda _: act())
+            self._together = together
+            try:
+                await together.meet(self.side, None, _nothing)
+                if self._running and standing:
+                    await self._stand_still()
+                await together.meet(self.side, None, lambda _: act())
+            finally:
+                self._together = None
 
         handle = self._order(what, carry_out)
         together.join(self.side, handle)
@@ -167,8 +173,11 @@ class ZlacWheel(HubMotor):
             pace = self._pace(pace.rpm, pace.acceleration)
             if self._skips:
                 return
+            rpm = math.copysign(pace.rpm, rpm) if rpm else 0.0
+            # How long it may take depends on the speed that it comes from, too.
+            pace = replace(pace, rpm=max(pace.rpm, self.modes.speed(self.side)))
             try:
-                await super()._carry_out_run(move, math.copysign(pace.rpm, rpm) if rpm else 0.0, pace, duration, ticks)
+                await super()._carry_out_run(move, rpm, pace, duration, ticks)
             except (NoReply, DeviceOffline) as error:
                 if self._running:
                     await self._block("its drive stopped answering while it ran")
@@ -251,16 +260,23 @@ class ZlacWheel(HubMotor):
     async def _carry_out_enable(self) -> None:
         async with self.modes.enabling:
             self._blocked = self._blocked or self.other._blocked
-            await self._set_up()
-            seen, moving = await self._glance(quick=True)
-            if not self.modes.busy and not (self.modes.ready and seen.status.enabled):
+            if not self.modes.ready and not self.modes.busy:
                 self.driver.known = False  # it may have been switched off and on
-                if moving:  # for somebody before us
-                    await self._set_up()
-                    await self._halted(self._halt(emergency=False, motion=self.attached.motion))
+            station = self.bus.owner.stations[self.attached.address]
+            if not (self._blocked or station.locked or station.halt):
+                await self._stop_what_others_began()
             await super()._carry_out_enable()
             self.other._blocked = ""
             self.other._enabled = True
+
+    async def _stop_what_others_began(self) -> None:
+        """A drive that another program left enabled may be moving."""
+        await self._set_up()
+        seen, moving = await self._glance(quick=True)
+        if not seen.status.enabled:
+            self.driver.known = False
+        elif moving and not self.modes.ready and not self.modes.busy:
+            await self._halted(self._halt(emergency=False, motion=self.attached.motion))
 
     async def _carry_out_disable(self) -> None:
         async with self._in_turn(None, ControlMode.UNDEFINED):
@@ -284,3 +300,7 @@ class ZlacWheel(HubMotor):
     async def _send_torque(self, milliamperes: int, slope: int | None) -> None:
         self._told = (r.TARGET_TORQUE, milliamperes)
         await self._start((milliamperes, slope), self.modes.push)
+
+
+async def _nothing(_: object) -> None:
+    """They only meet."""

@@ -16,7 +16,7 @@ from rs485bus.devices.zlac.attached import ZlacAttached
 from rs485bus.devices.zlac.driver import ZlacDriver, ZlacOptions
 from rs485bus.devices.zlac.frames import MAX_ADDRESS
 from rs485bus.devices.zlac.modes import ZlacModes
-from rs485bus.devices.zlac.parameters import check_parameter, write_parameter
+from rs485bus.devices.zlac.parameters import check_parameter, read_parameters, write_parameter
 from rs485bus.devices.zlac.setup import SetUp, ZlacSetup
 from rs485bus.devices.zlac.status import ZlacStatus, read_status
 from rs485bus.devices.zlac.telemetry import Snapshot, StatusWord
@@ -264,7 +264,7 @@ class Zlac8015d:
 
     async def parameters(self, side: Side) -> dict[str, float]:
         """All parameters of one motor, by name, in their units."""
-        return {twin.of(side).name: await self._driver.read(twin.of(side)) for twin in r.PARAMETERS}
+        return await read_parameters(self._driver, side)
 
     @property
     def speed_resolution(self) -> int:
@@ -302,7 +302,12 @@ class Zlac8015d:
         """Queue something for both wheels that is done once."""
         parts: list[Handle[None]] = []
         together = Together(lambda side: self._wheels[side.index].drop(parts[side.index]))
-        parts += [wheel.order_together(what, together, act, standing) for wheel in self._wheels]
+        parts.append(self.left.order_together(what, together, act, standing))
+        try:
+            parts.append(self.right.order_together(what, together, act, standing))
+        except Exception:
+            self.left.drop(parts[0])
+            raise
         return Both(*parts)
 
     async def _let_go(self) -> None:

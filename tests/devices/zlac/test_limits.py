@@ -112,6 +112,17 @@ async def test_a_speed_that_the_drive_turns_out_not_to_allow_is_refused_before_i
 
 
 @on_virtual_clock
+async def test_the_usual_speed_of_moves_is_no_more_than_the_drive_allows() -> None:
+    sim = WatchedZlac()
+    sim.set(r.SPEED_LIMIT, 20)
+    async with plant(sim) as p:
+        await p.base.move_to(0.2, 0.2)
+        await p.base.run(15, 15)
+        await p.base.run(0, 0)
+        assert p.rpm() == (0, 0)
+
+
+@on_virtual_clock
 async def test_accelerations_become_ramp_times_and_the_real_one_is_told() -> None:
     async with plant() as p:
         move = p.base.left.move_to(1.0, rpm=70, acceleration=333)

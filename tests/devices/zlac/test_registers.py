@@ -32,7 +32,8 @@ def test_the_table_has_the_119_addresses_of_the_directory_once_each() -> None:
 
 
 def test_blocks_lie_without_a_gap_over_the_registers_they_name() -> None:
-    for block in (r.MOTION, r.STATE, r.REPORT, r.PORTS, r.TERMINALS, r.SHAFT_AND_SPEED, r.MODES, r.RAMPS, r.TARGETS):
+    blocks = (r.MOTION, r.STATE, r.REPORT, r.PORTS, r.TERMINALS, r.SHAFT_AND_SPEED, r.MODES, r.CONTROL_BLOCK)
+    for block in (*blocks, *r.PARAMETER_BLOCKS[Side.LEFT], *r.PARAMETER_BLOCKS[Side.RIGHT]):
         assert block.size == 2 * block.count
         at = 0
         for field in block.fields:

@@ -125,6 +125,30 @@ async def test_who_asks_at_the_same_time_is_told_the_same() -> None:
 
 
 @on_virtual_clock
+async def test_a_lost_answer_does_not_hold_up_the_next_question() -> None:
+    async with plant() as p:
+        p.sim.lose_reply("0320A2000D")
+        await p.base.snapshot()
+        began = p.now
+        await asyncio.sleep(0.01)
+        await p.base.snapshot()
+        assert p.now - began < 0.05
+
+
+@on_virtual_clock
+async def test_nobody_is_told_what_was_asked_before_his_own_command() -> None:
+    async with plant() as p:
+        # An answer is late by a lost one; meanwhile the left wheel is set in motion.
+        p.sim.lose_reply("0320A2000D")
+        early = asyncio.ensure_future(p.base.snapshot())
+        await asyncio.sleep(0.001)
+        await p.base.left.driver.write(r.CAN_NODE_ID, 2)
+        changed = p.now
+        late = await p.base.snapshot()
+        assert (await early).at < changed <= late.at
+
+
+@on_virtual_clock
 async def test_axes_say_whether_they_are_idle() -> None:
     async with plant() as p:
         assert await p.base.left.idle()

@@ -15,6 +15,7 @@ from rs485bus.errors import (
     MoveFailed,
     NotEnabled,
     NotSent,
+    OutcomeUnknown,
     RearmRequired,
     StopUnconfirmed,
 )
@@ -352,6 +353,30 @@ async def test_the_emergency_stop_input_ends_a_run_that_gets_up_to_speed() -> No
 
 
 @on_virtual_clock
+async def test_the_emergency_stop_input_of_a_standing_drive_costs_no_reference() -> None:
+    async with plant() as p:
+        await p.base.move_to(1.0, 1.0)
+        p.sim.press(Inputs.X0, p.now)
+        await asyncio.sleep(1.0)
+        with pytest.raises(NotEnabled):
+            await p.base.left.move_to(2.0)
+        p.sim.press(Inputs(0), p.now)
+        await p.base.enable()
+        await p.base.move_to(2.0, 2.0)
+        assert p.shafts() == (2.0, 2.0)
+
+
+@on_virtual_clock
+async def test_enabling_waits_for_a_stop_that_is_still_under_way() -> None:
+    async with plant(acceleration=50) as p:
+        await p.base.run(100, 100)
+        stopped, enabled = p.base.stop(), p.base.enable()
+        await enabled
+        assert stopped.done()
+        assert await p.standing_for(1.0)
+
+
+@on_virtual_clock
 async def test_what_moved_for_somebody_else_is_stopped_before_it_is_enabled() -> None:
     sim = WatchedZlac(watchdog=0)
     async with plant(sim, enabled=False) as p:
@@ -361,6 +386,52 @@ async def test_what_moved_for_somebody_else_is_stopped_before_it_is_enabled() ->
         assert p.rpm()[0] > 0
         await p.base.enable()
         assert await p.standing_for(3.0)
+
+
+@pytest.mark.parametrize("whose", ["wheel", "pair"])
+@on_virtual_clock
+async def test_a_stop_stops_what_moves_for_somebody_else_at_once(whose: str) -> None:
+    async with plant(WatchedZlac(watchdog=0), enabled=False) as p:
+        await p.base.set_up()
+        for frame in ("06200F0001", "06200D0001", "06200E0008", "10208A000408" + "00100000" * 2, "06200E0010"):
+            p.sim.answer(bytes.fromhex(frame), p.now, broadcast=False)
+        p.base.left.driver.known = False
+        await p.base.set_up()
+        await asyncio.sleep(1.0)
+        began = p.now
+        await (p.base if whose == "pair" else p.base.right).stop()
+        assert p.now - began < 0.3
+        assert await p.standing_for(1.0)
+
+
+@on_virtual_clock
+async def test_a_drive_that_stands_in_position_mode_is_not_let_go_of_when_a_block_ends() -> None:
+    async with plant() as p:
+        async with p.base.watchdog(0.5):
+            await p.base.move_to(1.0, 1.0)
+        assert EMERGENCY_STOP not in p.sim.writes()
+        assert (await p.base.status()).enabled
+
+
+@pytest.mark.parametrize("how", ["getting up to speed", "for a time"])
+@on_virtual_clock
+async def test_a_drive_that_falls_silent_while_it_runs_is_stopped_as_soon_as_it_hears_again(how: str) -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        run = p.base.run(
+            200, 200, acceleration=50 if how != "for a time" else 1000, duration=None if how != "for a time" else 1.5
+        )
+        await asyncio.sleep(1.0)
+        assert p.rpm()[0] > 40
+        p.sim.dead = True
+        await asyncio.sleep(2.0)
+        assert run.done()
+        p.sim.dead = False
+        await asyncio.sleep(1.5)
+        assert await p.standing_for(1.0)
+        with pytest.raises((MotionError, OutcomeUnknown)):
+            await run
+        with pytest.raises(RearmRequired):
+            await p.base.left.run(10)
 
 
 @on_virtual_clock

@@ -87,6 +87,16 @@ async def test_wheels_run_at_speeds_and_are_slowed_down_to_a_stand() -> None:
 
 
 @on_virtual_clock
+async def test_slowing_down_from_a_high_speed_takes_as_long_as_its_ramp() -> None:
+    async with plant() as p:
+        await p.base.run(600, 600, acceleration=300)
+        began = p.now
+        await p.base.run(0, 0, acceleration=100)
+        assert p.now - began == pytest.approx(6.0, abs=0.5)
+        assert await p.standing_for(1.0)
+
+
+@on_virtual_clock
 async def test_one_frame_tells_both_wheels_their_speeds() -> None:
     async with plant() as p:
         await p.base.run(10, -10)
@@ -148,6 +158,20 @@ async def test_torque_is_told_in_milliamperes_and_stops_with_the_wheel_standing(
 
 
 @on_virtual_clock
+async def test_wheels_that_push_or_run_are_stopped_before_they_are_released() -> None:
+    async with plant() as p:
+        for push in (True, False):
+            await (p.base.torque(1000, -1000, slope=5000) if push else p.base.run(100, 50))
+            await asyncio.sleep(0.5)
+            begun = len(p.sim.asked)
+            await p.base.release()
+            assert p.sim.writes(begun).count(word(ControlWord.RELEASE)) == 1
+            assert not (await p.base.status()).enabled
+            assert p.rpm() == (0, 0)
+            await p.base.enable()
+
+
+@on_virtual_clock
 async def test_modes_are_entered_when_they_must_be_and_only_then() -> None:
     async with plant() as p:
         begun = len(p.sim.asked)
@@ -186,6 +210,7 @@ async def test_a_change_of_mode_never_moves_a_wheel_by_an_old_target() -> None:
         await p.base.stop()
         there = p.shafts()
         await p.base.torque(0, 0)
+        await p.base.stop()
         assert p.shafts() == there
         # Into position mode for the left wheel: the right one stays where it is.
         await p.base.left.move_by(0.1)

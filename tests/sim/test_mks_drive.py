@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from rs485bus.bus.job import Outcome
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import current, native, read, write, write_block
 from rs485bus.devices.mks.values import (
@@ -25,6 +26,7 @@ from rs485bus.devices.mks.values import (
     ZeroPoint,
 )
 from rs485bus.sim import Machine, SimMks
+from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import Request, crc, payload
 from rs485bus.wire.registers import Block, Register
 
@@ -386,6 +388,19 @@ def test_the_codes_of_baud_rates_change_the_rate() -> None:
     hand.do(write(1, r.BAUD_RATE, BaudRate.BAUD_256000))
     hand.wait(0.1)
     assert hand.sim.baudrate == 256000
+
+
+def test_a_reply_at_another_baud_rate_is_noise() -> None:
+    for at_new, outcome in ((True, Outcome.NO_REPLY), (False, Outcome.REPLY)):
+        rig = Rig(SimMks(baudrate=115200, answers_at_new=at_new))
+        rig.done(rig.submit(read(1, r.STATUS)))
+        job = rig.submit(write(1, r.BAUD_RATE, BaudRate.BAUD_9600), retries=0)
+        rig.done(job)
+        assert job.outcome is outcome
+        rig.run(0.1)
+        after = rig.submit(read(1, r.STATUS), retries=0)
+        rig.run(1.0)
+        assert after.outcome is Outcome.NO_REPLY
 
 
 def test_other_functions_and_windows_get_no_answer() -> None:

@@ -174,7 +174,7 @@ class MksDrive(Axis):
     async def _must_stand(self, what: str) -> None:
         """Raise `NotStanding` where the motor turns. A status that is stuck needs a second look."""
         for _ in range(2):
-            if not self._running and not (await self._look(quick=True)).moving:
+            if not (await self._look(quick=True)).moving:
                 return
             await anyio.sleep(2 * _NO_SPEED_FOR)
         raise NotStanding(f"{self.name} turns, and must stand for this: {what}. stop() it first. Nothing was sent.")

@@ -133,6 +133,16 @@ def test_only_a_57d_or_remapped_ports_have_a_right_limit(model: Model, remapped:
     assert hand.shaft == pytest.approx(-1)
 
 
+def test_a_limit_is_met_by_a_shaft_that_would_have_come_back_before_anybody_looked() -> None:
+    hand = Hand(model=Model.SERVO57D, machine=Machine(home_switch=-1, right_switch=1, start_delay=0.0))
+    hand.do(write_block(1, r.HOMING, Level.LOW, ParameterDirection.CW, 60, True))
+    hand.do(write_block(1, r.MOVE_TO_COUNTS, 236, 600, 10 * TURN))  # 1000 rpm/s
+    hand.wait(0.29)
+    hand.do(write_block(1, r.MOVE_TO_COUNTS, 236, 600, 0))  # it can stop at a turn and a half only
+    hand.wait(3)
+    assert hand.shaft == pytest.approx(1)
+
+
 def test_a_switch_wired_to_the_other_port_is_not_seen() -> None:
     hand = Hand(machine=Machine(home_switch=-1, remapped=True))
     hand.do(write(1, r.GO_HOME, GoHome.ORIGIN))

@@ -140,7 +140,8 @@ class MksDrive(Axis):
         place = f"{self.name} stands {abs(target - look.position)} counts short of where it was sent"
         if await self._read(r.STALLED):
             # One that is not protected goes on pushing, and would jump as soon as the shaft is free.
-            await self._halted(self._halt(emergency=True))
+            if not (await self._halted(self._halt(emergency=True))).standing:
+                return self._unconfirmed()
             self._enabled = await self._read(r.ENABLED)
             return MotorStalled(f"{place}: the drive reports a stall. {hints([alarms.STALLED])}")
         start = self._way[0]

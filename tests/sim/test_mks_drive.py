@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from rs485bus.bus.job import Outcome
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import current, native, read, write, write_block
 from rs485bus.devices.mks.values import (
@@ -25,6 +26,7 @@ from rs485bus.devices.mks.values import (
     ZeroPoint,
 )
 from rs485bus.sim import Machine, SimMks
+from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import Request, crc, payload
 from rs485bus.wire.registers import Block, Register
 
@@ -129,6 +131,16 @@ def test_only_a_57d_or_remapped_ports_have_a_right_limit(model: Model, remapped:
     hand.go_to(-3 * TURN)
     hand.wait(1)
     assert hand.shaft == pytest.approx(-1)
+
+
+def test_a_limit_is_met_by_a_shaft_that_would_have_come_back_before_anybody_looked() -> None:
+    hand = Hand(model=Model.SERVO57D, machine=Machine(home_switch=-1, right_switch=1, start_delay=0.0))
+    hand.do(write_block(1, r.HOMING, Level.LOW, ParameterDirection.CW, 60, True))
+    hand.do(write_block(1, r.MOVE_TO_COUNTS, 236, 600, 10 * TURN))  # 1000 rpm/s
+    hand.wait(0.29)
+    hand.do(write_block(1, r.MOVE_TO_COUNTS, 236, 600, 0))  # it can stop at a turn and a half only
+    hand.wait(3)
+    assert hand.shaft == pytest.approx(1)
 
 
 def test_a_switch_wired_to_the_other_port_is_not_seen() -> None:
@@ -386,6 +398,19 @@ def test_the_codes_of_baud_rates_change_the_rate() -> None:
     hand.do(write(1, r.BAUD_RATE, BaudRate.BAUD_256000))
     hand.wait(0.1)
     assert hand.sim.baudrate == 256000
+
+
+def test_a_reply_at_another_baud_rate_is_noise() -> None:
+    for at_new, outcome in ((True, Outcome.NO_REPLY), (False, Outcome.REPLY)):
+        rig = Rig(SimMks(baudrate=115200, answers_at_new=at_new))
+        rig.done(rig.submit(read(1, r.STATUS)))
+        job = rig.submit(write(1, r.BAUD_RATE, BaudRate.BAUD_9600), retries=0)
+        rig.done(job)
+        assert job.outcome is outcome
+        rig.run(0.1)
+        after = rig.submit(read(1, r.STATUS), retries=0)
+        rig.run(1.0)
+        assert after.outcome is Outcome.NO_REPLY
 
 
 def test_other_functions_and_windows_get_no_answer() -> None:

@@ -140,7 +140,8 @@ class MksDrive(Axis):
         place = f"{self.name} stands {abs(target - look.position)} counts short of where it was sent"
         if await self._read(r.STALLED):
             # One that is not protected goes on pushing, and would jump as soon as the shaft is free.
-            await self._halted(self._halt(emergency=True))
+            if not (await self._halted(self._halt(emergency=True))).standing:
+                return self._unconfirmed()
             self._enabled = await self._read(r.ENABLED)
             return MotorStalled(f"{place}: the drive reports a stall. {hints([alarms.STALLED])}")
         start = self._way[0]
@@ -174,7 +175,7 @@ class MksDrive(Axis):
     async def _must_stand(self, what: str) -> None:
         """Raise `NotStanding` where the motor turns. A status that is stuck needs a second look."""
         for _ in range(2):
-            if not self._running and not (await self._look(quick=True)).moving:
+            if not (await self._look(quick=True)).moving:
                 return
             await anyio.sleep(2 * _NO_SPEED_FOR)
         raise NotStanding(f"{self.name} turns, and must stand for this: {what}. stop() it first. Nothing was sent.")

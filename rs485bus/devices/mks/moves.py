@@ -205,7 +205,10 @@ class MksMoves(MksDrive):
                 await self._send_move(change.target, pace)
                 break
             except OutcomeUnknown:
-                if attempt + 1 == _ATTEMPTS or not (await self._look(quick=True)).moving:
+                if attempt + 1 == _ATTEMPTS:
+                    raise
+                if not await self._still_turns():
+                    self._lost = "it stood still when its target was changed: the drive may have restarted."
                     raise
         # It may be faster than it is to be.
         self._drive.ramp_takes = max(abs(speed), pace.rpm) / pace.acceleration
@@ -214,6 +217,12 @@ class MksMoves(MksDrive):
         turns = (change.target - look.position) / self.counts_per_turn
         move.eta = sent_at + seconds_to(turns, pace.rpm, pace.acceleration, speed)
         change.handle.finish(None)
+
+    async def _still_turns(self) -> bool:
+        try:
+            return (await self._look(quick=True)).moving
+        except RequestFailed:
+            return False
 
 
 def _check_distance(field: Field[int], distance: int) -> None:

@@ -19,6 +19,7 @@ from rs485bus.errors import (
     MoveFailed,
     MoveTimeout,
     NotEnabled,
+    RearmRequired,
     ReferenceLost,
 )
 from rs485bus.sim import Machine, SimMks
@@ -98,6 +99,17 @@ async def test_a_stall_in_the_middle_of_a_move(protected: bool) -> None:
 
 
 @on_virtual_clock
+async def test_a_stall_that_cannot_be_released_says_so() -> None:
+    sim = FlakyMks(machine=Machine(load=9000))
+    async with bench(sim) as on:
+        with pytest.raises(MotorStalled):
+            await on.axis.move_to(1.0)
+        sim.motion.release_stall = lambda: None  # type: ignore[method-assign] # a drive that cannot
+        with pytest.raises(MotorStalled, match="still reports a stall"):
+            await on.axis.release_stall()
+
+
+@on_virtual_clock
 async def test_a_stall_that_lasts_is_not_released() -> None:
     async with bench(FlakyMks(machine=Machine(load=9000))) as on:
         await on.axis.set_overcurrent_protection(True)
@@ -145,6 +157,9 @@ async def test_a_homing_that_never_finds_its_switch() -> None:
 async def test_a_homing_that_stalls() -> None:
     async with bench(FlakyMks(machine=Machine(home_switch=None, travel=(-3.0, 3.0)))) as on:
         await fails(on, on.axis.home(), HomingFailed, "without having found the origin. It reports a stall.")
+        await on.axis.enable()
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_to(1.0)
 
 
 @on_virtual_clock
@@ -165,7 +180,13 @@ async def test_a_drive_that_goes_away_while_it_homes() -> None:
         with pytest.raises(HomingFailed, match="stopped answering"):
             await move
         await on.axes[1].move_to(1.0)
-        sim.restart(on.bus.now())  # the bus would say on closing that nobody saw it stand
+        sim.switch_on(on.bus.now())
+        await anyio.sleep(10)
+        with pytest.raises(RearmRequired):
+            await on.axis.move_to(1.0)
+        await on.axis.enable()
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_to(1.0)
 
 
 @pytest.mark.parametrize("enabled_at_power_on", [False, True])
@@ -229,6 +250,14 @@ async def test_a_drive_whose_status_is_stuck_moves_stops_and_is_set_up_all_the_s
         await on.axis.set_microsteps(32)
         await on.axis.home()
         assert on.shaft == pytest.approx(-2.0)
+
+
+@on_virtual_clock
+async def test_a_drive_whose_status_is_stuck_from_the_beginning_can_be_set_up() -> None:
+    sim = FlakyMks(stuck_status=Status.SLOWING_DOWN)
+    sim.motion.has_moved = True
+    async with bench(sim, enable=False) as on:
+        await on.axis.set_microsteps(32)
 
 
 @on_virtual_clock

@@ -88,6 +88,23 @@ async def test_a_homing_whose_start_is_lost_is_begun_once(way: str, lost: str) -
 
 
 @on_virtual_clock
+async def test_a_homing_that_was_over_before_anybody_could_look_is_not_begun_again() -> None:
+    sim = FlakyMks(shaft=-1.999, machine=Machine(home_switch=-2.0))
+    async with bench(sim) as on:
+        sim.lose_reply(r.GO_HOME)
+        await on.axis.home(SwitchHoming(rpm=300))
+        assert sim.moves == 1
+
+
+@on_virtual_clock
+async def test_a_return_to_zero_that_starts_late_is_waited_for() -> None:
+    async with bench(FlakyMks(machine=Machine(start_delay=0.045))) as on:
+        await on.axis.move_to(3.0)
+        await on.axis.return_to_zero()
+        assert on.shaft == pytest.approx(0.0)
+
+
+@on_virtual_clock
 async def test_a_drive_that_restarted_before_it_returned_to_zero_does_not_pretend_to_be_there() -> None:
     sim = FlakyMks()
     async with bench(sim) as on:

@@ -268,6 +268,29 @@ async def test_a_drive_that_stays_away_when_a_move_starts_has_lost_its_reference
         assert on.shaft == pytest.approx(5.0)
 
 
+@on_virtual_clock
+async def test_a_watched_drive_that_restarts_is_not_taken_for_one_that_arrived_at_zero() -> None:
+    sim = FlakyMks()
+    async with bench(sim) as on:
+        await on.axis.move_to(50.0, rpm=3000)
+        async with on.axis.watchdog(6.0):
+            move = on.axis.move_to(0.0, rpm=150)
+            await under_way(move, 1.0)
+            sim.restart(on.bus.now())  # the next feed hears that it stands, and it reads zero there
+            with pytest.raises(ReferenceLost, match="sooner than it can"):
+                await move
+
+
+@on_virtual_clock
+async def test_a_speed_that_the_mode_does_not_have_any_more_is_not_sent() -> None:
+    async with bench(FlakyMks()) as on:
+        on.axis.set_mode(WorkMode.SR_OPEN)
+        move = on.axis.move_to(1.0, rpm=1000)  # checked against the mode in force
+        with pytest.raises(LimitExceeded, match=r"outside 0\.\.400 rpm of mode SR_OPEN"):
+            await move
+        assert not on.sent(r.MOVE_TO_COUNTS)
+
+
 # In pulses and counts
 
 
@@ -404,6 +427,67 @@ async def test_a_change_of_target_that_is_refused_leaves_the_move_alone() -> Non
 
 
 @on_virtual_clock
+async def test_a_change_of_target_waits_until_the_motor_has_started() -> None:
+    async with bench(FlakyMks(machine=Machine(start_delay=0.045))) as on:
+        move = on.axis.move_to(10.0)
+        for _ in range(100):
+            await anyio.sleep(0.001)
+            if move.state is MoveState.MOVING:
+                break
+        assert not on.sim.moving(on.bus.now())
+        await on.axis.retarget(3.0)
+        assert await move == pytest.approx(3.0, abs=1e-3)
+
+
+@on_virtual_clock
+async def test_a_change_of_target_is_not_said_again_to_a_drive_that_restarts_meanwhile() -> None:
+    sim = FlakyMks()
+    async with bench(sim) as on:
+        await on.axis.move_to(5.0)
+        move = on.axis.move_to(50.0)
+        await under_way(move, 1.0)
+        sim.instead(r.MOVE_TO_COUNTS, sim.restart)
+        stands = on.shaft
+        change = on.axis.retarget(20.0)
+        for handle in (change, move):
+            with pytest.raises(OutcomeUnknown):
+                await handle
+        await anyio.sleep(2)
+        assert on.shaft == pytest.approx(stands, abs=0.3)
+        await on.axis.enable()
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_to(1.0)
+
+
+@on_virtual_clock
+async def test_a_move_of_which_nobody_knows_where_it_goes_is_stopped() -> None:
+    sim = FlakyMks()
+    async with bench(sim) as on:
+        move = on.axis.move_to(100.0)
+        await under_way(move, 1.0)
+        sim.lose_reply(r.MOVE_TO_COUNTS, times=3)
+        change = on.axis.retarget(50.0)
+        for handle in (change, move):
+            with pytest.raises(OutcomeUnknown):
+                await handle
+        assert not sim.moving(on.bus.now())
+        with pytest.raises(RearmRequired):
+            await on.axis.move_to(1.0)
+        await on.axis.enable()
+        await on.axis.move_to(1.0)
+
+
+@on_virtual_clock
+async def test_a_ramp_down_from_a_speed_that_was_changed_is_given_its_time() -> None:
+    async with bench(FlakyMks()) as on:
+        move = on.axis.move_to(1000.0, rpm=3000, acceleration=1000)
+        await under_way(move, 4.0)
+        await on.axis.retarget(1000.0, rpm=60, acceleration=1000)
+        await on.axis.stop()
+        assert not on.sent(r.EMERGENCY_STOP)
+
+
+@on_virtual_clock
 async def test_only_an_absolute_move_under_way_can_be_changed() -> None:
     async with bench(FlakyMks()) as on:
         axis = on.axis
@@ -457,9 +541,9 @@ async def test_a_drive_that_restarted_on_its_way_to_zero_is_not_taken_for_one_th
 @on_virtual_clock
 async def test_a_pulse_mode_is_not_moved_over_the_bus() -> None:
     async with bench(FlakyMks(mode=WorkMode.CR_VFOC), enable=False, mode=WorkMode.CR_VFOC) as on:
-        for order in (on.axis.enable(), on.axis.move_to(1.0), on.axis.home()):
-            with pytest.raises((NotSupported, MoveCancelled), match=r"set_mode\(WorkMode\.SR_VFOC\)"):
-                await order
+        for verb in (on.axis.enable, lambda: on.axis.move_to(1.0), lambda: on.axis.run(60), on.axis.home):
+            with pytest.raises(NotSupported, match=r"set_mode\(WorkMode\.SR_VFOC\)"):
+                await verb()
         on.axis.set_mode(WorkMode.SR_VFOC)
         on.axis.enable()
         await on.axis.move_to(1.0)

@@ -83,6 +83,12 @@ async def test_a_new_setting_that_counts_only_after_a_power_cycle_is_not_confirm
 
 
 @on_virtual_clock
+async def test_a_drive_that_takes_a_moment_to_change_is_given_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rs485bus.sim.mks._NEW_SETTING_TAKES", 0.45)
+    assert (await set_address(Adapter(SimMks(1, baudrate=38400)), 17)).confirmed
+
+
+@on_virtual_clock
 async def test_a_change_that_is_never_answered_nor_made_says_so() -> None:
     sim = FlakyMks(1, baudrate=38400)
     sim.lose_request(r.ADDRESS, times=3)

@@ -72,6 +72,17 @@ async def test_a_drive_that_does_not_come_back_says_what_its_screen_may_show() -
 
 
 @on_virtual_clock
+async def test_a_drive_that_answers_once_more_before_it_restarts_is_not_taken_for_restarted() -> None:
+    sim = FlakyMks()
+    async with bench(sim) as on:
+        sim._commands[r.RESTART.address] = lambda _, now: sim.motion.later(1.2, now, sim._start_anew)
+        await on.axis.restart()
+        assert sim.restarts == 1
+        await on.axis.enable()
+        await on.axis.version()
+
+
+@on_virtual_clock
 async def test_a_calibration_is_waited_for_however_long_it_takes() -> None:
     async with bench(FlakyMks()) as on:
         begun = on.bus.now()
@@ -165,4 +176,8 @@ async def test_an_axis_that_runs_by_itself_is_stopped_before_it_moves_or_homes()
         assert await on.axis.position() == pytest.approx(1.0, abs=1e-3)
         sim.restart(on.bus.now())
         await anyio.sleep(1)
+        before = len(on.records)
         await on.axis.home()
+        written = [record.request for record in on.records[before:] if record.request[1] != 4]
+        assert written[0][3] in (r.MOVE_TO_COUNTS.address, r.EMERGENCY_STOP.address)  # a stop
+        assert written[-1][3] == r.GO_HOME.address

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
+import anyio
 import pytest
 
 from rs485bus.bus.handle import Handle
@@ -212,6 +213,17 @@ async def test_the_others_can_be_changed_while_it_turns(name: str) -> None:
         await on.axis.run(120)
         await getattr(on.axis, f"set_{name}")(getattr(FULL, name))
         assert on.sim.moving(on.bus.now())
+
+
+@on_virtual_clock
+async def test_a_shaft_that_shifts_a_little_with_a_setting_has_not_lost_its_reference() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.move_to(1.0)
+        on.axis.set_microsteps(32)
+        await on.axis.drain()
+        on.sim.turn_shaft(0.005, on.bus.now())  # a full step: the motor is energised anew
+        await anyio.sleep(1)
+        assert await on.axis.move_to(2.0) == pytest.approx(2.0, abs=1e-3)
 
 
 @on_virtual_clock

@@ -90,7 +90,7 @@ class Bus:
         Returns:
             An async context manager. Entering it raises `WatchdogInfeasible` if the devices cannot be fed in time.
         """
-        self._check_thread()
+        self.check_thread()
         return Watchdog(self, [axis.attached for axis in axes], [axis.drain for axis in axes], timeout, lease)
 
     def emergency_stop(self) -> Handle[EmergencyReport]:
@@ -99,7 +99,7 @@ class Bus:
         It happens at once, from any task or signal handler, whether the handle is awaited or not. The report says
         which devices were read to stand.
         """
-        self._check_thread()
+        self.check_thread()
         handle: Handle[EmergencyReport] = Handle("emergency stop")
         self._emergency = handle
         _log.warning("emergency stop")
@@ -114,7 +114,7 @@ class Bus:
         Raises:
             BusError: the report is not there yet.
         """
-        self._check_thread()
+        self.check_thread()
         if self._emergency is not None and not self._emergency.done():
             raise BusError("The emergency stop is still being confirmed: await its handle, then clear it.")
         self._owner.gate.latched = False
@@ -193,7 +193,7 @@ class Bus:
         Raises:
             AddressInUse: there is one already.
         """
-        self._check_thread()
+        self.check_thread()
         attached = member.attached
         station = self._owner.stations[attached.address]
         if station.attached is not None:
@@ -206,7 +206,7 @@ class Bus:
 
     def submit(self, job: Job) -> None:
         """Put a job into the queue; it goes out at once if the wire is free."""
-        self._check_thread()
+        self.check_thread()
         self._owner.submit(job, self._loop.time())
         self._look()
 
@@ -263,7 +263,7 @@ class Bus:
         told: Callable[[Halted], None],
     ) -> None:
         """Stop a device, or the part of it named, until it is seen standing."""
-        self._check_thread()
+        self.check_thread()
         self._owner.now = self._loop.time()
         halt = self._owner.halt(self._owner.stations[attached.address], motion, emergency=emergency, frames=frames)
         halt.listen(told)
@@ -290,14 +290,19 @@ class Bus:
         self._unseen.append(handle)
 
     def failures(self) -> list[Exception]:
-        """The failures that nobody has seen."""
-        return [handle.error for handle in self._unseen if not handle.seen and handle.error is not None]
+        """The failures that nobody has seen, each once."""
+        errors = [handle.error for handle in self._unseen if not handle.seen and handle.error is not None]
+        return list({id(error): error for error in errors}.values())
 
     # The transport
 
     def received(self, data: bytes) -> None:
         """Bytes came in. For the transport."""
-        self._owner.feed(data, self._loop.time())
+        self._pumping = True  # who is told of a reply may ask for more: that goes out when all bytes are understood
+        try:
+            self._owner.feed(data, self._loop.time())
+        finally:
+            self._pumping = False
         self._look()
 
     def lost(self, error: Exception | None) -> None:
@@ -413,7 +418,8 @@ class Bus:
         finally:
             self._pumping = False
 
-    def _check_thread(self) -> None:
+    def check_thread(self) -> None:
+        """Refuse a call from another thread than the event loop's. Raises `WrongThread`."""
         if threading.get_ident() != self._thread:
             raise WrongThread(
                 "The bus was called from another thread than its event loop's. Use "

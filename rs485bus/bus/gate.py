@@ -5,7 +5,7 @@ from __future__ import annotations
 from rs485bus.bus.feeding import Feeding
 from rs485bus.bus.job import Job, Reason, Urgency
 from rs485bus.bus.queue import READY
-from rs485bus.bus.station import Stations
+from rs485bus.bus.station import Station, Stations
 from rs485bus.wire.frames import MAX_FRAME
 from rs485bus.wire.timing import LineSettings
 
@@ -43,13 +43,21 @@ class Gate:
         if job.moves and not self.connected:
             return Reason.UNPLUGGED
         if job.is_broadcast:
-            return Reason.NONE
+            return Reason.LOCKED if job.moves and any(station.locked for station in self._hearing(job)) else Reason.NONE
         station = self._stations[job.address]
         if station.reach.offline:
             return Reason.OFFLINE
         if station.muzzled:
             return Reason.EMERGENCY if self.latched else Reason.STOPPED
         return Reason.LOCKED if job.moves and station.locked else Reason.NONE
+
+    def _hearing(self, job: Job) -> list[Station]:
+        """The known devices that would act on a broadcast."""
+        return [
+            station
+            for station in self._stations
+            if station.attached is not None and station.attached.hears(job.request)
+        ]
 
     def _takes(self, job: Job) -> float:
         if job.is_broadcast:
@@ -62,7 +70,7 @@ class Gate:
         if not self.settled and job.request.writes and job.urgency is not Urgency.STOP:
             return _FOREVER
         if job.is_broadcast:
-            return READY
+            return _FOREVER if job.moves and any(station.halt for station in self._hearing(job)) else READY
         station = self._stations[job.address]
         if job.moves and station.halt is not None:
             return _FOREVER

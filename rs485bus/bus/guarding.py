@@ -58,7 +58,7 @@ def check_watchdog(attached: Attached, timeout: float) -> int:
     milliseconds = round(timeout * 1000)
     if not 1 <= milliseconds <= watchdog.highest:
         raise LimitExceeded(
-            f"A watchdog of {timeout} s is outside 0.001..{watchdog.highest / 1000:g} s for "
+            f"A watchdog of {timeout} s is outside 0.001..{watchdog.highest / 1000:.10g} s for "
             f"{attached.family} {attached.address}."
         )
     return milliseconds

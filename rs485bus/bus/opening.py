@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.stopping import Halted
+from rs485bus.errors import StopUnconfirmed
 from rs485bus.transport.interface import Transport
 from rs485bus.transport.serial import SerialTransport
 from rs485bus.transport.tcp import TcpTransport
@@ -93,7 +95,7 @@ class Opening:
                 await bus.drain()
             finally:
                 await bus.aclose()
-            failures = bus.failures()
+            failures = [*bus.failures(), *(_unconfirmed(halted) for halted in bus.stopped if not halted.standing)]
             if failures:
                 raise ExceptionGroup("commands failed that nobody awaited", failures)
             return False
@@ -104,3 +106,10 @@ class Opening:
                 if failure is not error:
                     error.add_note(f"Nobody awaited a command that failed: {failure!r}")
         return False
+
+
+def _unconfirmed(halted: Halted) -> StopUnconfirmed:
+    return StopUnconfirmed(
+        f"{halted.family} {halted.address} could not be seen standing when the bus was closed. Look at the machine; "
+        "use the hard-wired emergency stop."
+    )

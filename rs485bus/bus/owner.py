@@ -320,7 +320,7 @@ class Owner:
         elif kind is Kind.LATE:
             # It is delivered to nobody; but whoever answers late is there, and heard what was asked then.
             self.journal.unit(station.address).late_replies += 1
-            self.stations.answered(station, self.now)
+            self.stations.answered(station)
             if (since := station.late.arrived(request)) is not None:
                 self.feeding.heard(station.address, since)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
@@ -336,7 +336,7 @@ class Owner:
         job.answered_since = since
         job.reply = frame
         job.code = frame[2] if kind is Kind.EXCEPTION else None
-        self.stations.answered(station, self.now)
+        self.stations.answered(station)
         self._note(job, frame, "reply" if kind is Kind.NORMAL else "refused", self.now)
         self.pair.exchange.settle()
         self.pair.end(self.stations.late(self.now))
@@ -365,7 +365,7 @@ class Owner:
         self.pair.end(self.stations.late(self.now))
         if job.urgency is Urgency.FEED and job.internal:
             self.feeding.failed(job.address, self.now, listened)
-        elif how != "lost" and self._may_repeat(job):
+        elif how != "lost" and self._may_repeat(job) and not station.reach.silent:
             self._queue.put(job, first=True)
             return
         elif how == "no reply" and not job.internal:

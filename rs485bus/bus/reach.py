@@ -12,7 +12,9 @@ SHARE = 0.02
 BURST = 0.25
 """Seconds that may be spent on looking at once."""
 FLAPPING = 60.0
-"""Seconds within which a unit that is lost again after it was found counts as coming and going."""
+"""Seconds within which a unit that falls silent again counts as coming and going."""
+SILENCE = 4
+"""Attempts in a row without an answer from which on a unit has fallen silent. A bad line hardly ever does that."""
 
 
 class Listening:
@@ -39,47 +41,57 @@ class Listening:
 class Reach:
     """Whether one unit answers."""
 
-    __slots__ = ("_found_at", "_listened", "_score", "offline", "probe_at")
+    __slots__ = ("_listened", "_misses", "_silent_at", "_streak", "offline", "probe_at")
 
     def __init__(self) -> None:
         self.offline = False
         self.probe_at = 0.0
         """Not to be looked for before."""
-        self._score = 0
+        self._misses = 0
+        self._streak = 0
         self._listened = 0.0
-        self._found_at = float("-inf")
+        self._silent_at = float("-inf")
+
+    @property
+    def silent(self) -> bool:
+        """Whether it has fallen silent. Nothing is repeated then: repetitions are for what a line loses."""
+        return self._streak >= SILENCE
 
     def flaps(self, now: float) -> bool:
-        """Whether it was found again only just now."""
-        return now - self._found_at < FLAPPING
+        """Whether it fell silent only just now."""
+        return now - self._silent_at < FLAPPING
 
-    def answered(self, now: float) -> bool:
+    def answered(self) -> bool:
         """The unit answered. True if it was offline until now."""
+        back, self.offline = self.offline, False
+        self._misses = self._streak = 0
         self._listened = 0.0
-        if self.offline:
-            # One more request without an answer, and it is lost again.
-            self.offline = False
-            self._found_at = now
-            return True
-        self._score = max(0, self._score - 1)
-        return False
+        return back
 
-    def unanswered(self, listened: float) -> None:
-        """An attempt was not answered, for which was listened so many seconds."""
-        self._listened += listened
-
-    def missed(self, now: float, limit: int, flapping: int) -> bool:
-        """A request ended without an answer. True if the unit is offline from now on.
+    def unanswered(self, now: float, listened: float, flapping: int) -> bool:
+        """An attempt was not answered. True if the unit is offline from now on, since it comes and goes.
 
         Args:
             now: the time.
-            limit: how many requests in a row.
+            listened: how many seconds were listened for it.
             flapping: how many units come and go.
         """
-        self._score = min(limit, self._score + 1)
-        if self.offline or self._score < limit:
+        self._streak += 1
+        self._listened += listened
+        if self._streak != SILENCE:
+            return False
+        flaps, self._silent_at = self.flaps(now), now
+        if not flaps:
             return False
         self.offline = True
-        self._score = limit - 1
-        self.probe_at = now + (self._listened * max(1, flapping) / SHARE if self.flaps(now) else 0.0)
+        self.probe_at = now + self._listened * max(1, flapping) / SHARE
+        return True
+
+    def missed(self, now: float, limit: int) -> bool:
+        """A request ended without an answer. True if the unit is offline from now on, after `limit` in a row."""
+        self._misses += 1
+        if self.offline or self._misses < limit:
+            return False
+        self.offline = True
+        self.probe_at = now
         return True

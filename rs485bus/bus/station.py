@@ -109,9 +109,9 @@ class Stations:
         station.late.unanswered(job, deadline + station.late_reply_window)
         self._owing.add(station)
 
-    def answered(self, station: Station, now: float) -> None:
+    def answered(self, station: Station) -> None:
         """The unit answered: it is not offline."""
-        if station.reach.answered(now):
+        if station.reach.answered():
             self._lost.discard(station)
 
     def unanswered(self, station: Station, job: Job, now: float) -> None:
@@ -119,13 +119,14 @@ class Stations:
         listened = now - job.sent_at
         if station.reach.offline:
             self.listening.spend(listened, now)
-        else:
-            station.reach.unanswered(listened)
+            return
+        flapping = sum(other.reach.flaps(now) for other in self._by_address.values())
+        if station.reach.unanswered(now, listened, flapping):
+            self._lost.add(station)
 
     def missed(self, station: Station, now: float, limit: int) -> None:
         """A request to the unit ended without an answer."""
-        flapping = sum(other.reach.flaps(now) for other in self._by_address.values())
-        if station.reach.missed(now, limit, flapping):
+        if station.reach.missed(now, limit):
             self._lost.add(station)
 
     def to_probe(self, now: float) -> Station | None:

@@ -109,14 +109,20 @@ class Watchdog:
                 reports.append(WatchReport(device.address, watch.timeout, watch.feeds, saved, longest))
         return reports
 
+    def _unconfirmed(self) -> list[Halted]:
+        moving = [device for device in self._devices if device.motion.may_move]
+        return [Halted(device.address, device.family, standing=False, stops=0) for device in moving]
+
     async def _release(self) -> list[Halted]:
         """Stop, confirm, restore: the bus' own job. However often the caller is cancelled, it waits for it."""
         bus = self._bus
         if self._lease is not None:
             self._lease.end()
+        if bus.owner.gate.closed:
+            return []  # closing the bus has released it
         released = asyncio.get_running_loop().create_future()
         bus.start(release(bus.owner, self._devices, {}), lambda halted: settle(released, halted))
-        bound = bus.after(bus.config.close_timeout, lambda: settle(released, []))
+        bound = bus.after(bus.config.close_timeout, lambda: settle(released, self._unconfirmed()))
         cancelled = await outlast(released)
         bound.cancel()
         if cancelled is not None:

@@ -14,6 +14,7 @@ from rich.markup import escape
 from rs485bus import __version__
 from rs485bus.cli.demo import run_demo
 from rs485bus.cli.serve import serve
+from rs485bus.cli.verify import question, verify
 from rs485bus.errors import BusError
 
 app = typer.Typer(
@@ -77,6 +78,21 @@ def sim(
     """Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted."""
     addresses = _addresses(mks)
     _run(lambda: serve(baudrate, addresses, link, _console))
+
+
+@app.command("verify-watchdog")
+def verify_watchdog(
+    port: Port = None,
+    baudrate: Baudrate = 38400,
+    mks: Annotated[int, typer.Option("--mks", min=1, max=247, help="The address of the MKS drive.")] = 1,
+    timeout: Annotated[float, typer.Option(min=0.2, max=60, help="The watchdog's time in the test, in seconds.")] = 1.0,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before the motor moves.")] = False,
+) -> None:
+    """Find out on the bench what feeds a drive's watchdog, and whether a trip latches. It turns the motor."""
+    if not yes and not typer.confirm(question(port, mks, timeout)):
+        _console.print("Nothing was moved.")
+        raise typer.Exit(1)
+    _run(lambda: verify(port, baudrate, mks, timeout, _console))
 
 
 def _addresses(mks: list[int] | None) -> list[int]:

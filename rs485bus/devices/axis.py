@@ -64,6 +64,8 @@ class Axis(Conduct):
         self.acceleration = acceleration
         self._planned: float | None = None
         """Where the queue will have taken it, in units, if that is known."""
+        self._exact: float | None = None
+        """Where the last move went, in units, before that was rounded to counts."""
         self._pace(None, None)
 
     def __repr__(self) -> str:
@@ -95,16 +97,10 @@ class Axis(Conduct):
             LimitExceeded: one of them is out of its range; nothing is queued.
         """
         pace = self._pace(rpm, acceleration)
-        self._check_target(self._to_counts(position))
+        self._target(position)
         move = self._new_move(f"move to {position:g}", position)
         self._planned = position
-
-        def target(look: Look) -> int:
-            counts = self._to_counts(position)
-            self._check_target(counts)
-            return counts
-
-        self._orders.add(move, lambda: self._move(move, target, pace))
+        self._orders.add(move, lambda: self._move(move, lambda _: position, pace))
         return move
 
     def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
@@ -115,16 +111,12 @@ class Axis(Conduct):
         """
         pace = self._pace(rpm, acceleration)
         if self._planned is not None:
-            self._check_target(self._to_counts(self._planned + distance))
+            self._target(self._planned + distance)
         move = self._new_move(f"move by {distance:g}", None)
         self._planned = None if self._planned is None else self._planned + distance
 
-        def target(look: Look) -> int:
-            start = look.position if self._commanded is None else self._commanded
-            counts = start + self._to_counts(distance)
-            self._check_target(counts)
-            move.target = self._to_units(counts)
-            return counts
+        def target(look: Look) -> float:
+            return self._start(look) + distance
 
         self._orders.add(move, lambda: self._move(move, target, pace))
         return move
@@ -223,20 +215,21 @@ class Axis(Conduct):
     def _to_units(self, counts: int) -> float:
         return self._sign * counts / self.counts_per_turn * self.units_per_turn
 
-    def _check_target(self, counts: int) -> None:
-        """Raise `LimitExceeded` for a target that the limits or the drive's register do not allow."""
-        position = self._to_units(counts)
-        slack = self.units_per_turn / self.counts_per_turn
-        if self.limits is not None and not self.limits[0] - slack <= position <= self.limits[1] + slack:
+    def _target(self, position: float) -> int:
+        """A position in counts. Raises `LimitExceeded` where the limits or the drive's register do not allow it."""
+        half = self.units_per_turn / self.counts_per_turn / 2
+        if self.limits is not None and not self.limits[0] - half <= position <= self.limits[1] + half:
             low, high = self.limits
             raise LimitExceeded(f"{self.name}: position {position:g} is outside its limits {low:g}..{high:g}.")
-        low_counts, high_counts = self.target_range
-        if not low_counts <= counts <= high_counts:
-            ends = sorted((self._to_units(low_counts), self._to_units(high_counts)))
+        counts = self._to_counts(position)
+        lowest, highest = self.target_range
+        if not lowest <= counts <= highest:
+            ends = sorted((self._to_units(lowest), self._to_units(highest)))
             raise LimitExceeded(
                 f"{self.name}: position {position:g} is outside {ends[0]:g}..{ends[1]:g}, which is what the drive can "
                 "be told. Go there in steps, each from a new zero: set_zero()."
             )
+        return counts
 
     def _new_move(self, what: str, target: float | None) -> Move:
         self._check_ready()
@@ -250,14 +243,32 @@ class Axis(Conduct):
         return handle
 
     def _check_ready(self) -> None:
+        self.bus.check_thread()
         if self.bus.latched:
             raise EmergencyStopped(
                 f"{self.name}: the bus is latched by an emergency stop. clear_emergency_stop(), then enable() the axis."
             )
         self._orders.check()
 
-    async def _move(self, move: Move, target: Callable[[Look], int], pace: Pace) -> float:
-        return self._to_units((await self._carry_out(move, target, pace)).position)
+    def _start(self, look: Look) -> float:
+        """Where a relative move starts: at the last target if that was reached, else where the axis stands."""
+        if self._commanded is None:
+            return self._to_units(look.position)
+        exact = self._exact
+        return (
+            exact
+            if exact is not None and self._to_counts(exact) == self._commanded
+            else self._to_units(self._commanded)
+        )
+
+    async def _move(self, move: Move, position: Callable[[Look], float], pace: Pace) -> float:
+        def target(look: Look) -> int:
+            move.target = position(look)
+            return self._target(move.target)
+
+        look = await self._carry_out(move, target, pace)
+        self._exact = move.target
+        return self._to_units(look.position)
 
     async def _run(self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None) -> float:
         await self._carry_out_run(move, rpm, pace, duration, ticks)

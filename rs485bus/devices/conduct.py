@@ -7,6 +7,7 @@ a jump that cannot be explained (a drive that restarted counts from zero) ends t
 from __future__ import annotations
 
 import asyncio
+import logging
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -42,6 +43,7 @@ from rs485bus.profile import Profile
 
 T = TypeVar("T")
 
+_log = logging.getLogger("rs485bus")
 _ATTEMPTS = 3
 _POLL_SHORTEST, _POLL_LONGEST = 0.01, 0.05
 _FRESH = 0.25
@@ -98,6 +100,8 @@ class Conduct(ABC):
         self._enabled: bool | None = None
         self._lost = ""
         """Why its positions are not to be trusted."""
+        self._between: tuple[int, int] | None = None
+        """From where to where a move went of which nobody knows what became."""
         self._blocked = ""
         """Why it moves only after `enable()`."""
         self._running = False
@@ -237,7 +241,8 @@ class Conduct(ABC):
                     if await self._took(before, target):
                         return
                 except RequestFailed:
-                    await self._block(f"nobody knows whether its last move started ({unknown})")
+                    self._between = (before.position, before.position if target is None else target)
+                    await self._block(f"nobody knows whether {move.what} started ({unknown})")
                     raise unknown from None
                 if attempt + 1 == _ATTEMPTS:
                     raise
@@ -276,7 +281,7 @@ class Conduct(ABC):
             await anyio.sleep(pause)
 
     def _too_late(self, move: Move) -> MoveTimeout:
-        self._halt(emergency=False)
+        self._begin_stop(emergency=False)
         return MoveTimeout(f"{self.name}: {move.what} takes more than twice its time, and a second. It was stopped.")
 
     # Enabling
@@ -299,8 +304,20 @@ class Conduct(ABC):
             raise NotEnabled(f"{self.name} was told to enable its motor, and says that it is not enabled.")
         if self._enabled and self._seen is not None and not self._near(look.position, self._seen.position):
             self._lost = "it stands elsewhere than it stood, and nobody moved it."
+        if self._between is not None and not self._is_plausible(look.position, *self._between):
+            self._lost = (
+                "it is not where a move could have taken it that was not answered: the drive may have restarted."
+            )
+        self._between = None
         self._enabled = True
         self._seen = look
+
+    def _is_plausible(self, position: int, start: int, end: int) -> bool:
+        """Whether a move from one place to another may have ended here; at zero, where a drive begins to count after a
+        restart, only if the move began or ended there."""
+        if self._near(position, 0):
+            return self._near(start, 0) or self._near(end, 0)
+        return min(start, end) - self.tolerance <= position <= max(start, end) + self.tolerance
 
     async def _carry_out_disable(self) -> None:
         if self._running:
@@ -351,8 +368,13 @@ class Conduct(ABC):
             raise self._unconfirmed()
 
     def _stop_now(self, emergency: bool) -> Handle[None]:
-        handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
+        self.bus.check_thread()
         self._orders.interrupt(MoveCancelled(f"{self.name} was stopped."))
+        return self._begin_stop(emergency=emergency)
+
+    def _begin_stop(self, *, emergency: bool) -> Handle[None]:
+        """Have the owner stop it; nothing else begins before it was seen standing."""
+        handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
 
         def told(future: asyncio.Future[Halted]) -> None:
             if future.result().standing:
@@ -382,8 +404,9 @@ class Conduct(ABC):
         self._forget()
 
     def interrupted(self, error: MotionError | NotSent) -> None:
-        """The bus stopped the axis for safety. For the bus."""
-        self._orders.interrupt(error)
+        """The bus stopped the axis for safety, or lost it. For the bus."""
+        _log.warning("%s", error)
+        self._orders.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
         self._forget()
 
     def told_standing(self) -> None:

@@ -82,15 +82,15 @@ class Orders:
                 return True
         return False
 
-    def interrupt(self, error: Exception) -> None:
-        """End everything, the command under way included."""
+    def interrupt(self, error: Exception, waiting: Exception | None = None) -> None:
+        """End everything: the command under way, and those that wait, perhaps with an error of their own."""
         worker, self._worker = self._worker, None
         current, self._current = self._current, None
         if worker is not None:
             worker.cancel()
         if current is not None:
             current.fail(error)
-        self._cancel_waiting(error)
+        self._cancel_waiting(waiting or error)
 
     async def drain(self) -> None:
         """Wait until nothing waits or is being carried out."""

@@ -46,7 +46,8 @@ class Rig:
     ) -> None:
         self.now = 100.0
         self.pair = VirtualPair(devices, line, noise, seed, turnaround)
-        self.owner = Owner(line, config, self.now, gateway=gateway)
+        # The line has been quiet for a while, so that what is submitted first goes out at once.
+        self.owner = Owner(line, config, self.now - 1, gateway=gateway)
         self.sent: list[tuple[float, bytes]] = []
         self._keep = keep_frames
         self._calls: list[tuple[float, int, Callable[[], None]]] = []

@@ -21,6 +21,11 @@ from rs485bus.transport.alarm import Alarm, make_alarm
 from rs485bus.transport.interface import Sink, SinkProtocol
 from rs485bus.wire.timing import LineSettings
 
+try:
+    from termios import error as _termios_error
+except ImportError:  # Windows
+    _termios_error = OSError  # type: ignore[misc,assignment]
+
 _log = logging.getLogger("rs485bus")
 
 
@@ -45,7 +50,7 @@ class _Port(serial.Serial):
         """pyserial-asyncio drains here, on the event loop, when it closes. What must go out has gone out by then."""
         try:
             self.reset_output_buffer()
-        except Exception as error:  # termios.error, which is no OSError, where the port has gone
+        except (OSError, _termios_error) as error:  # the port has gone
             _log.debug("%s: %s", self.port, error)
 
 
@@ -90,7 +95,11 @@ class SerialTransport:
         port = opened[0]
         protocol = self._protocol = SinkProtocol(sink)
         loop = asyncio.get_running_loop()
-        self._transport, _ = await serial_asyncio.connection_for_serial(loop, lambda: protocol, port)
+        try:
+            self._transport, _ = await serial_asyncio.connection_for_serial(loop, lambda: protocol, port)
+        except (OSError, ValueError, _termios_error) as error:
+            port.close()
+            raise _explained(self.name, self.line, error) from error
         self._fd = port.fileno() if os.name == "posix" else -1
 
     def write(self, data: bytes) -> None:
@@ -139,7 +148,7 @@ def _open(name: str, line: LineSettings, rs485_direction: bool) -> _Port:
             write_timeout=0,
             exclusive=True,
         )
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, _termios_error) as error:
         raise _explained(name, line, error) from error
     try:
         if rs485_direction:
@@ -160,7 +169,7 @@ def _hurry(port: _Port) -> None:
         port.set_low_latency_mode(True)
     except (OSError, ValueError, NotImplementedError, AttributeError) as error:
         _log.debug("%s: no low-latency mode: %s", port.port, error)
-    timer = Path(f"/sys/bus/usb-serial/devices/{Path(str(port.port)).resolve().name}/latency_timer")
+    timer = _latency_timer(str(port.port))
     try:
         latency = int(timer.read_text())
     except (OSError, ValueError):
@@ -173,6 +182,11 @@ def _hurry(port: _Port) -> None:
             latency,
             timer,
         )
+
+
+def _latency_timer(port: str) -> Path:
+    """Where Linux keeps how many milliseconds an FTDI adapter collects bytes."""
+    return Path(f"/sys/bus/usb-serial/devices/{Path(port).resolve().name}/latency_timer")
 
 
 def _explained(name: str, line: LineSettings, error: Exception) -> PortError:
@@ -191,7 +205,8 @@ def _explained(name: str, line: LineSettings, error: Exception) -> PortError:
         return PortPermissionDenied(
             f"You may not open {name}. Join the group that owns it, then log in again: sudo usermod -aG dialout $USER"
         )
-    return PortError(f"{name} could not be opened as a serial port at {line.baudrate} bit/s: {text}")
+    setting = f"{line.baudrate} bit/s, 8{line.parity}{line.stopbits}"
+    return PortError(f"{name} could not be opened as a serial port at {setting}: {text}")
 
 
 def _holders(name: str) -> str:

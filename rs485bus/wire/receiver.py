@@ -93,10 +93,8 @@ class Receiver(Generic[K]):
             elif not end:
                 keep = min(keep, begin)
         if best is None and keep:
-            # Nothing waited for is longer than a frame, so nothing older than one is worth keeping.
-            dropped = max(keep, size - MAX_FRAME)
-            self.skipped += dropped
-            self._drop(dropped)
+            self.skipped += keep
+            self._drop(keep)
         return best
 
     def _search(self, index: int, pattern: Pattern[K]) -> tuple[int, int]:

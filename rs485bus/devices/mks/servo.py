@@ -174,7 +174,7 @@ class MksServo(MksDrive):
         assert move.started_at is not None
         while not await self._homing_ended():
             if self.bus.now() > move.started_at + timeout:
-                self._halt(emergency=True)
+                self._begin_stop(emergency=True)
                 raise HomingFailed(
                     f"{self.name} has not found its origin within {timeout:g} s and was stopped. Check the switch, "
                     "the direction and the speed."

@@ -1,0 +1,155 @@
+"""A late reply is never taken for the answer to something else."""
+
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.job import Outcome, Urgency
+from rs485bus.sim import SimUnit
+from rs485bus.sim.rig import Rig
+from rs485bus.wire.frames import crc, read_holding, read_input, registers, write_single
+from rs485bus.wire.registers import Repeat
+from tests.bus.support import BANK, Scripted, outcomes
+
+ONCE = BusConfig(echo=False, retries=0, reply_timeout=0.03)
+
+
+def test_an_equal_read_waits_until_the_late_reply_is_there() -> None:
+    """The status polled before a move and answered late never ends the move: the next poll is another job."""
+    unit = Scripted(1, 0.2)
+    rig = Rig(unit, config=ONCE)
+    before = rig.submit(read_holding(1, 0, 1))
+    rig.done(before)
+    unit.registers[0] = 1  # the move begins
+    after = rig.submit(read_holding(1, 0, 1))
+    rig.done(after)
+    assert before.outcome is Outcome.NO_REPLY
+    assert registers(after.reply) == [1]
+    assert after.sent_at > 100.2
+    assert rig.owner.journal.unit(1).late_replies == 1
+
+
+def test_without_the_late_reply_it_waits_for_the_window() -> None:
+    rig = Rig(Scripted(1, "lost"), config=ONCE)
+    first = rig.submit(read_holding(1, 0, 1))
+    rig.done(first)
+    second = rig.submit(read_holding(1, 0, 1))
+    rig.done(second)
+    assert second.sent_at - first.ended_at >= ONCE.late_reply_window
+
+
+def test_a_late_echo_never_confirms_a_later_write() -> None:
+    unit = Scripted(1, 0.2, "deaf")
+    rig = Rig(unit, config=ONCE)
+    first = rig.submit(write_single(1, 3, 7), repeat=Repeat.NEVER)
+    rig.done(first)
+    second = rig.submit(write_single(1, 3, 7), repeat=Repeat.NEVER)
+    rig.done(second)
+    assert outcomes([first, second]) == [Outcome.UNKNOWN] * 2
+    assert len(unit.writes) == 1
+
+
+def test_an_exception_that_may_belong_to_an_older_request_decides_nothing() -> None:
+    def refused(reply: bytes) -> bytes:
+        body = bytes((1, 0x83, 2))
+        return body + crc(body)
+
+    def late_refusal(reply: bytes) -> bytes:
+        unit.turnaround = 0.06
+        return refused(reply)
+
+    unit = Scripted(1, late_refusal, 0.04)
+    rig = Rig(unit, config=BusConfig(echo=False, retries=0, reply_timeout=0.05))
+    first = rig.submit(read_holding(1, 0, 3))
+    rig.done(first)
+    second = rig.submit(read_holding(1, 0, 2))
+    rig.done(second)
+    assert first.outcome is Outcome.NO_REPLY
+    # The exception came while the second was waited for, and was the first one's.
+    assert second.outcome is Outcome.REPLY
+    assert registers(second.reply) == [100, 101]
+
+
+def test_the_repetition_of_the_same_job_may_be_answered_by_either_reply_and_one_stays_owed() -> None:
+    unit = Scripted(1, 0.05, 0.06)
+    rig = Rig(unit, config=BusConfig(echo=False, retries=1, reply_timeout=0.03))
+    job = rig.submit(read_holding(1, 0, 1))
+    rig.done(job)
+    assert (job.outcome, job.attempts) == (Outcome.REPLY, 2)
+    assert job.answered_since < job.sent_at
+    unit.registers[0] = 55
+    fresh = rig.submit(read_holding(1, 0, 1))
+    rig.done(fresh)
+    assert registers(fresh.reply) == [55]
+    assert fresh.sent_at > 100.09
+
+
+def test_other_reads_and_other_units_do_not_wait() -> None:
+    rig = Rig(Scripted(1, "lost"), SimUnit(2, BANK), config=ONCE)
+    first = rig.submit(read_holding(1, 0, 1))
+    rig.done(first)
+    start = rig.now
+    others = [rig.submit(read_holding(1, 0, 2)), rig.submit(read_input(1, 0, 1)), rig.submit(read_holding(2, 0, 1))]
+    rig.done(*others)
+    assert rig.now - start < 0.03
+    assert outcomes(others) == [Outcome.REPLY] * 3
+
+
+def test_an_unmistakable_answer_lets_the_equal_read_go_at_once() -> None:
+    rig = Rig(Scripted(1, "lost"), config=ONCE)
+    rig.done(rig.submit(read_holding(1, 0, 1)))
+    jobs = [rig.submit(read_holding(1, 0, 2)), rig.submit(read_holding(1, 0, 1))]
+    start = rig.now
+    rig.done(*jobs)
+    assert rig.now - start < 0.03
+
+
+def test_behind_a_gateway_it_does_not() -> None:
+    rig = Rig(Scripted(1, "lost"), config=ONCE, gateway=True)
+    rig.done(rig.submit(read_holding(1, 0, 1)))
+    jobs = [rig.submit(read_holding(1, 0, 2)), rig.submit(read_holding(1, 0, 1))]
+    start = rig.now
+    rig.done(*jobs)
+    assert rig.now - start >= ONCE.late_reply_window
+
+
+def test_a_cancelled_caller_changes_nothing_the_owner_still_listens() -> None:
+    unit = Scripted(1, 0.2)
+    rig = Rig(unit, config=ONCE)
+    gone = rig.submit(read_holding(1, 0, 1))
+    rig.run(0.001)
+    rig.owner.cancel(gone, rig.now)
+    rig.done(gone)
+    unit.registers[0] = 1
+    fresh = rig.submit(read_holding(1, 0, 1))
+    rig.done(fresh)
+    assert registers(fresh.reply) == [1]
+
+
+def test_what_is_owed_survives_a_reopening() -> None:
+    unit = Scripted(1, 0.3)
+    rig = Rig(unit, config=ONCE)
+    job = rig.submit(read_holding(1, 0, 1))
+    rig.run(0.005)
+    rig.owner.unplugged(rig.now)
+    rig.owner.plugged(rig.now)
+    assert job.outcome is Outcome.NO_REPLY
+    unit.registers[0] = 1
+    fresh = rig.submit(read_holding(1, 0, 1))
+    rig.done(fresh)
+    assert registers(fresh.reply) == [1]
+    assert fresh.sent_at > 100.3
+
+
+def test_a_stop_does_not_wait_for_what_is_owed() -> None:
+    rig = Rig(Scripted(1, "lost"), config=ONCE)
+    rig.done(rig.submit(write_single(1, 0, 0), repeat=Repeat.NEVER))
+    start = rig.now
+    stop = rig.submit(write_single(1, 0, 0), urgency=Urgency.STOP, tolerant=True)
+    rig.done(stop)
+    assert rig.now - start < 0.01
+
+
+def test_a_doubled_reply_is_not_the_answer_to_the_next_request() -> None:
+    unit = Scripted(1, lambda reply: reply + reply)
+    rig = Rig(unit, config=ONCE)
+    jobs = [rig.submit(read_holding(1, 0, 1)), rig.submit(read_holding(1, 5, 1))]
+    rig.done(*jobs)
+    assert [registers(job.reply) for job in jobs] == [[100], [105]]

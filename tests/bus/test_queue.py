@@ -1,0 +1,100 @@
+"""Urgency first; first in, first out for each address; the addresses take turns."""
+
+from collections import defaultdict
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rs485bus.bus.job import Job, Urgency
+from rs485bus.bus.queue import GONE, READY, Queue
+from rs485bus.wire.frames import read_holding
+
+urgencies = st.sampled_from(list(Urgency))
+
+
+def job(address: int, urgency: Urgency = Urgency.COMMAND) -> Job:
+    return Job(read_holding(address, 0, 1), urgency=urgency)
+
+
+def order(queue: Queue) -> list[Job]:
+    taken = []
+    while (next_job := queue.take(lambda _: READY)[0]) is not None:
+        taken.append(next_job)
+    return taken
+
+
+def test_a_more_urgent_job_goes_before_all_that_wait_longer() -> None:
+    queue = Queue()
+    jobs = [job(1, urgency) for urgency in (Urgency.POLL, Urgency.COMMAND, Urgency.FEED, Urgency.STOP)]
+    for waiting in jobs:
+        queue.put(waiting)
+    assert order(queue) == jobs[::-1]
+
+
+def test_the_addresses_take_turns() -> None:
+    queue = Queue()
+    jobs = [job(address) for address in (1, 1, 1, 2, 2, 3)]
+    for waiting in jobs:
+        queue.put(waiting)
+    assert [taken.address for taken in order(queue)] == [1, 2, 3, 1, 2, 1]
+
+
+def test_a_repetition_goes_to_the_head_of_its_own_line_only() -> None:
+    queue = Queue()
+    first, second, other = job(1), job(1), job(2)
+    for waiting in (second, other):
+        queue.put(waiting)
+    assert queue.take(lambda _: READY)[0] is second
+    queue.put(second)
+    queue.put(first, first=True)
+    assert [taken.address for taken in order(queue)] == [2, 1, 1]
+
+
+def test_a_job_that_must_wait_holds_back_its_own_address_only() -> None:
+    queue = Queue()
+    blocked, behind, other = job(1), job(1), job(2)
+    for waiting in (blocked, behind, other):
+        queue.put(waiting)
+    taken, again = queue.take(lambda asked: 7.0 if asked is blocked else READY)
+    assert taken is other
+    taken, again = queue.take(lambda asked: 7.0 if asked is blocked else READY)
+    assert (taken, again) == (None, 7.0)
+
+
+def test_what_is_not_worth_sending_leaves_the_queue() -> None:
+    queue = Queue()
+    stale, good = job(1), job(1)
+    queue.put(stale)
+    queue.put(good)
+    assert queue.take(lambda asked: GONE if asked is stale else READY)[0] is good
+    assert queue.size == 0
+
+
+@given(st.lists(st.tuples(st.integers(1, 5), urgencies, st.booleans()), max_size=60))
+def test_nothing_is_lost_and_every_rule_of_order_holds(plan: list[tuple[int, Urgency, bool]]) -> None:
+    queue = Queue()
+    jobs = [(job(address, urgency), leaves) for address, urgency, leaves in plan]
+    for waiting, _ in jobs:
+        queue.put(waiting)
+    for waiting, leaves in jobs:
+        assert not leaves or queue.remove(waiting)
+        assert not leaves or not queue.remove(waiting)
+    left = [waiting for waiting, leaves in jobs if not leaves]
+    assert queue.size == len(left)
+    assert set(queue) == set(left)
+    taken = order(queue)
+    assert sorted(map(id, taken)) == sorted(map(id, left))
+    assert [one.urgency for one in taken] == sorted(one.urgency for one in taken)
+    lines: dict[tuple[int, Urgency], list[Job]] = defaultdict(list)
+    for one in left:
+        lines[one.address, one.urgency].append(one)
+    for one in taken:
+        assert lines[one.address, one.urgency].pop(0) is one
+    # Between two turns of one address, every other that waited had its turn.
+    for urgency in Urgency:
+        turns = [one.address for one in taken if one.urgency is urgency]
+        for at, address in enumerate(turns):
+            later = turns[at + 1 :]
+            if address in later:
+                between = set(later[: later.index(address)])
+                assert set(later) - {address} <= between | {address}

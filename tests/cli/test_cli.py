@@ -1,0 +1,116 @@
+"""The command `rs485bus`: what a person sees, in real time where a plant runs."""
+
+import asyncio
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rs485bus.sim import Machine, SimMks, VirtualLine
+from tests.real.support import in_real_time, posix, running
+
+COMMAND = (sys.executable, "-m", "rs485bus")
+
+
+def call(*arguments: str, within: float = 30.0) -> subprocess.CompletedProcess[str]:
+    return subprocess.run((*COMMAND, *arguments), capture_output=True, text=True, timeout=within, check=False)
+
+
+def test_without_its_extra_it_says_what_to_install() -> None:
+    script = "import sys; sys.modules['typer'] = None; from rs485bus.cli import main; main()"
+    result = subprocess.run((sys.executable, "-c", script), capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert 'pip install "rs485bus[cli]"' in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_its_help_names_the_commands() -> None:
+    result = call("--help")
+    assert result.returncode == 0
+    assert "demo" in result.stdout
+    assert "sim" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("demo", "--port", "/dev/ttyNOPE"), "PortNotFound: There is no port /dev/ttyNOPE."),
+        (("demo", "--mks", "300"), "247"),
+        (("demo", "--mks", "1", "--mks", "1"), "An address is given twice"),
+        (("demo", "--baudrate", "1"), "300"),
+    ],
+)
+def test_wrong_input_is_told_in_words(arguments: tuple[str, ...], said: str) -> None:
+    result = call(*arguments)
+    assert result.returncode != 0
+    assert said in " ".join((result.stdout + result.stderr).replace("│", " ").split())
+    assert "Traceback" not in result.stderr
+
+
+def test_verify_watchdog_asks_before_it_moves_anything() -> None:
+    result = subprocess.run(
+        (*COMMAND, "verify-watchdog", "--mks", "1"),
+        input="n\n",
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert "Is it free to turn?" in result.stdout
+    assert "Nothing was moved." in result.stdout
+
+
+def test_verify_watchdog_says_what_feeds_a_drive() -> None:
+    result = call("verify-watchdog", "--mks", "1", "--timeout", "0.2", "--yes")
+    assert result.returncode == 0, result.stderr
+    assert "reads only: it goes on turning" in result.stdout
+    assert "frames to others only: it stops" in result.stdout
+    assert "the heartbeats keep it fed" in " ".join(result.stdout.split())
+
+
+@posix
+def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_path: Path) -> None:
+    async def main() -> None:
+        link = tmp_path / "port"
+        arguments = ("sim", "--mks", "4", "--baudrate", "115200", "--link", str(link))
+        async with running(*COMMAND, *arguments) as process:
+            assert process.stdout is not None
+            path = (await asyncio.wait_for(process.stdout.readline(), 20)).decode().strip()
+            assert str(link.readlink()) == path
+            demo = await asyncio.to_thread(call, "demo", "--port", path, "--baudrate", "115200", "--mks", "4")
+            assert demo.returncode == 0, demo.stdout + demo.stderr
+            assert "will home and turn some turns. Ctrl-C stops them" in demo.stdout
+            assert "every axis stands, every watchdog is off" in demo.stdout
+            process.send_signal(signal.SIGINT)
+            output, _ = await asyncio.wait_for(process.communicate(), 10)
+        assert b"0 of them before t3.5" in output
+        assert process.returncode == 130
+
+    in_real_time(main)
+
+
+@posix
+def test_ctrl_c_in_the_demo_stops_every_axis_and_says_so() -> None:
+    async def main() -> None:
+        sims = [SimMks(address, machine=Machine(home_switch=-1.0)) for address in (1, 2)]
+        line = VirtualLine(*sims, baudrate=115200)
+        loop = asyncio.get_running_loop()
+        arguments = ("demo", "--baudrate", "115200", "--mks", "1", "--mks", "2")
+        async with await line.serve_pty() as port:
+            async with running(*COMMAND, *arguments, "--port", port.path) as process:
+                for _ in range(400):
+                    if all(sim.moving(loop.time()) for sim in sims):
+                        break
+                    await asyncio.sleep(0.05)
+                await asyncio.sleep(0.2)
+                process.send_signal(signal.SIGINT)
+                output, _ = await asyncio.wait_for(process.communicate(), 10)
+            assert b"Every axis was stopped and seen standing." in output
+            assert process.returncode == 130
+            assert not any(sim.moving(loop.time()) for sim in sims)
+            assert [sim.watchdog_ms for sim in sims] == [0, 0]
+
+    in_real_time(main)

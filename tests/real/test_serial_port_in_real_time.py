@@ -1,0 +1,203 @@
+"""The serial stack on a real pseudo-terminal, in real time: nothing of it is replaced."""
+
+import asyncio
+import errno
+import logging
+import os
+import resource
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from rs485bus import BusConfig, MksServo, open_bus
+from rs485bus.errors import NoReply, PortBusy, PortError, PortPermissionDenied
+from rs485bus.sim import SimMks, SimUnit, VirtualLine
+from rs485bus.transport import serial as serial_transport
+from rs485bus.wire.timing import LineSettings
+from tests.real.support import in_real_time, posix
+
+pytestmark = posix
+
+BANK = {register: 100 + register for register in range(16)}
+
+
+def test_an_axis_moves_over_a_real_port() -> None:
+    async def main() -> None:
+        sim = SimMks(1)
+        line = VirtualLine(sim, baudrate=115200)
+        async with await line.serve_pty() as port, open_bus(port.path, baudrate=115200) as bus:
+            x = MksServo(bus, 1)
+            async with x.watchdog(0.5):
+                x.enable()
+                assert await x.move_to(2.0, rpm=1200, acceleration=10_000) == 2.0
+                await asyncio.sleep(0.5)
+            assert sim.trips == []
+            assert sim.watchdog_ms == 0
+        assert line.pair.early_frames == 0
+
+    in_real_time(main)
+
+
+def test_a_port_that_is_in_use_says_by_whom() -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port, open_bus(port.path, baudrate=115200):
+            with pytest.raises(PortBusy, match=rf"in use by .*\(process {os.getpid()}\)"):
+                await open_bus(port.path, baudrate=115200)
+
+    in_real_time(main)
+
+
+def test_a_port_that_may_not_be_opened_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise serial.SerialException(errno.EACCES, "could not open port: Permission denied")
+
+    monkeypatch.setattr(serial_transport, "_Port", refuse)
+    with pytest.raises(PortPermissionDenied, match=r"usermod -aG dialout"):
+        asyncio.run(_open("/dev/ttyS0"))
+
+
+async def _open(path: str) -> None:
+    await open_bus(path, baudrate=9600)
+
+
+def test_something_that_is_no_serial_port_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(PortError, match="could not be opened as a serial port"):
+        asyncio.run(_open(str(file)))
+
+
+def test_the_wrong_baud_rate_is_no_reply_and_the_message_names_it() -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK), baudrate=9600)
+        async with await line.serve_pty() as port, open_bus(port.path, baudrate=115200) as bus:
+            with pytest.raises(NoReply, match="baud rate"):
+                await bus.unit(1).read_holding_registers(0)
+
+    in_real_time(main)
+
+
+def test_a_port_that_vanishes_is_opened_again(tmp_path: Path) -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        link = tmp_path / "port"
+        config = BusConfig(reopen_min=0.05, reopen_max=0.1)
+        port = await line.serve_pty(link)
+        async with open_bus(str(link), baudrate=115200, config=config) as bus:
+            assert await bus.unit(1).read_holding_registers(3) == [103]
+            await port.aclose()
+            await asyncio.sleep(0.1)
+            assert not bus.connected
+            reading = asyncio.create_task(bus.unit(1).read_holding_registers(4))
+            await asyncio.sleep(0.2)
+            port = await line.serve_pty(link)
+            assert await asyncio.wait_for(reading, 5) == [104]
+        await port.aclose()
+
+    in_real_time(main)
+
+
+@pytest.fixture
+def high_descriptors() -> Iterator[None]:
+    """All descriptors up to 1100 are taken."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and hard < 1300:
+        pytest.skip(f"this user may open {hard} files only")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 1300), hard))
+    taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]
+    yield
+    for descriptor in taken:
+        os.close(descriptor)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.usefixtures("high_descriptors")
+def test_a_file_descriptor_above_1023_works_and_does_not_spin() -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port, open_bus(port.path, baudrate=115200) as bus:
+            assert await bus.unit(1).read_holding_registers(3) == [103]
+            used = time.process_time()
+            await asyncio.sleep(0.3)
+            assert time.process_time() - used < 0.15
+
+    in_real_time(main)
+
+
+def test_closing_does_not_block_although_nobody_reads_the_other_end() -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port:
+            bus = await open_bus(port.path, baudrate=115200)
+            asyncio.get_running_loop().remove_reader(port._master)
+            asking = asyncio.create_task(bus.unit(1).read_holding_registers(3))
+            await asyncio.sleep(0.01)
+            begun = time.monotonic()
+            await bus.aclose()
+            assert time.monotonic() - begun < 1.0
+            with pytest.raises(NoReply):
+                await asking
+
+    in_real_time(main)
+
+
+def test_an_opening_that_is_cancelled_leaves_the_port_free() -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port:
+            for turns in range(4):
+                opening = asyncio.create_task(_open(port.path))
+                for _ in range(turns):
+                    await asyncio.sleep(0)
+                opening.cancel()
+                with pytest.raises(asyncio.CancelledError):
+                    await opening
+            await asyncio.sleep(0.1)
+            async with open_bus(port.path, baudrate=115200) as bus:
+                assert await bus.unit(1).read_holding_registers(3) == [103]
+
+    in_real_time(main)
+
+
+def test_a_driver_that_cannot_switch_the_direction_says_so() -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port:
+            with pytest.raises(PortError, match="Leave rs485_direction off"):
+                await open_bus(port.path, baudrate=115200, config=BusConfig(rs485_direction=True))
+
+    in_real_time(main)
+
+
+def test_a_slow_latency_timer_is_warned_of_with_the_command_that_mends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    timer = tmp_path / "latency_timer"
+    timer.write_text("16\n")
+    monkeypatch.setattr(serial_transport, "_latency_timer", lambda port: timer)
+
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port, open_bus(port.path, baudrate=115200):
+            pass
+
+    with caplog.at_level(logging.WARNING):
+        in_real_time(main)
+    assert "only every 16 ms" in caplog.text
+    assert f"echo 1 | sudo tee {timer}" in caplog.text
+
+
+def test_settings_that_a_port_does_not_have_are_told() -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK), baudrate=9600, parity="E")
+        async with await line.serve_pty() as port:
+            # Linux' pseudo-terminals know no parity.
+            with pytest.raises(PortError, match="9600 bit/s, 8E1"):
+                await open_bus(port.path, baudrate=9600, parity="E")
+
+    in_real_time(main)
+    assert LineSettings(baudrate=9600, parity="E").character == 11 / 9600

@@ -1,0 +1,125 @@
+"""The virtual pair keeps the rules of a real one."""
+
+import pytest
+
+from rs485bus.sim import Noise, SimUnit
+from rs485bus.sim.line import VirtualPair
+from rs485bus.wire.frames import read_holding, write_single
+from rs485bus.wire.timing import LineSettings
+
+LINE = LineSettings(baudrate=9600)
+ASK = read_holding(1, 0, 1)
+
+
+def pair(*devices: SimUnit, noise: Noise | None = None, seed: int = 0) -> VirtualPair:
+    return VirtualPair(devices or (SimUnit(1, {0: 7}),), LINE, noise or Noise(), seed, turnaround=0.01)
+
+
+def hear(pair: VirtualPair, until: float) -> list[tuple[float, bytes]]:
+    heard = []
+    while pair.next_at <= until:
+        now = pair.next_at
+        heard += [(now, piece) for piece in pair.advance(now)]
+    return heard
+
+
+def whole(heard: list[tuple[float, bytes]]) -> bytes:
+    return b"".join(piece for _, piece in heard)
+
+
+def test_a_reply_comes_after_the_turnaround_and_byte_by_byte() -> None:
+    line = pair()
+    line.transmit(ASK.adu, 0.0)
+    heard = hear(line, 1.0)
+    assert whole(heard) == bytes.fromhex("01 03 02 00 07 F9 86")
+    begin = LINE.airtime(8) + 0.01
+    assert heard[0][0] == pytest.approx(begin + LINE.airtime(1))
+    assert heard[-1][0] == pytest.approx(begin + LINE.airtime(7))
+
+
+def test_a_frame_that_starts_before_t35_of_silence_is_counted_and_not_understood() -> None:
+    line = pair()
+    line.transmit(ASK.adu, 0.0)
+    end = hear(line, 1.0)[-1][0]
+    line.transmit(ASK.adu, end + LINE.t35 * 0.9)
+    assert hear(line, 2.0) == []
+    assert line.early_frames == 1
+
+
+def test_a_frame_after_it_is_understood() -> None:
+    line = pair()
+    line.transmit(ASK.adu, 0.0)
+    end = hear(line, 1.0)[-1][0]
+    line.transmit(ASK.adu, end + LINE.t35)
+    assert whole(hear(line, 2.0))
+    assert line.early_frames == 0
+
+
+def test_a_frame_may_be_written_in_pieces_if_they_follow_each_other() -> None:
+    line = pair()
+    line.transmit(ASK.adu[:3], 0.0)
+    line.transmit(ASK.adu[3:], LINE.airtime(3) + LINE.t15 * 0.9)
+    assert whole(hear(line, 1.0))
+
+
+def test_two_that_talk_at_once_destroy_each_others_bytes() -> None:
+    line = pair()
+    line.transmit(ASK.adu, 0.0)
+    hear(line, LINE.airtime(8) + 0.01 + LINE.airtime(2))
+    line.transmit(ASK.adu, LINE.airtime(8) + 0.01 + LINE.airtime(2))
+    assert whole(hear(line, 1.0))[:7] != bytes.fromhex("01 03 02 00 07 F9 86")
+    assert line.collisions == 1
+
+
+def test_a_broadcast_is_done_by_all_and_answered_by_none() -> None:
+    units = [SimUnit(1, {0: 7}), SimUnit(2, {0: 7})]
+    line = pair(*units)
+    line.transmit(write_single(0, 0, 9).adu, 0.0)
+    assert hear(line, 1.0) == []
+    assert [unit.registers[0] for unit in units] == [9, 9]
+
+
+def test_a_device_set_to_another_baud_rate_hears_nothing() -> None:
+    unit = SimUnit(1, {0: 7})
+    unit.baudrate = 19200
+    line = pair(unit)
+    line.transmit(ASK.adu, 0.0)
+    assert hear(line, 1.0) == []
+
+
+def test_noise_is_the_same_for_the_same_seed() -> None:
+    def run(seed: int) -> bytes:
+        line = pair(noise=Noise(flipped=0.5, lost_reply=0.2, torn=0.2, stray=0.3), seed=seed)
+        for at in range(50):
+            line.transmit(ASK.adu, at * 1.0)
+            yielded.append(whole(hear(line, at + 0.9)))
+        return b"|".join(yielded)
+
+    yielded: list[bytes] = []
+    first = run(1)
+    yielded.clear()
+    assert run(1) == first
+    yielded.clear()
+    assert run(2) != first
+
+
+@pytest.mark.parametrize(
+    ("noise", "received"),
+    [
+        (Noise(lost_request=1.0), b""),
+        (Noise(lost_reply=1.0), b""),
+        (Noise(duplicated=1.0), 2 * bytes.fromhex("01 03 02 00 07 F9 86")),
+        (Noise(echo=True), ASK.adu + bytes.fromhex("01 03 02 00 07 F9 86")),
+    ],
+)
+def test_each_fault_does_what_it_says(noise: Noise, received: bytes) -> None:
+    line = pair(noise=noise)
+    line.transmit(ASK.adu, 0.0)
+    assert whole(hear(line, 1.0)) == received
+
+
+def test_a_probability_out_of_range_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"torn 1\.5 is outside 0\.\.1"):
+        Noise(torn=1.5)
+    with pytest.raises(ValueError, match="late_by -1"):
+        Noise(late_by=-1)

@@ -6,7 +6,6 @@ python -m benchmarks.client '{"library": "rs485bus", "name": "share", "port": "/
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import os
 import sys
@@ -38,8 +37,6 @@ def main() -> None:
     core = options.pop("core", None)
     if core is not None:
         os.sched_setaffinity(0, {core})
-        with contextlib.suppress(PermissionError):
-            os.nice(-15)  # whatever else runs on this machine is not what is measured
     task = Task(setting=Setting(**options.pop("setting", {})), **options)
     print(json.dumps(perform(task)))
 

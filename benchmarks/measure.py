@@ -53,7 +53,7 @@ def _once(measurement: Measurement, known: tuple[int, ...]) -> Result:
         found = run_client(replace(task, port=process.port))
         share = others.share()
         counted = process.stop()
-    return {**_joined(measurement.row, found, counted), "others": share}
+    return {**_joined(measurement.row, task.setting, found, counted), "others": share}
 
 
 def _line(measurement: Measurement) -> tuple[str, dict[str, Any]]:
@@ -70,11 +70,14 @@ def _line(measurement: Measurement) -> tuple[str, dict[str, Any]]:
     return "benchmarks.line", {**asdict(setting), "core": core}
 
 
-def _joined(row: str, found: Result, counted: Result) -> Result:
+def _joined(row: str, setting: Setting, found: Result, counted: Result) -> Result:
     if row == "faulty":
         return judge(found, counted)
     if row == "stop":
         return _stops(found["asked"], counted["marks"])
+    if row == "share":
+        lost = (counted["excess_us"] + counted["late_us"]) / 1e6
+        found["typical"] = 1 / (1 + setting.limit * lost)
     counted.pop("marks", None)
     counted.pop("reads", None)
     counted.pop("writes", None)

@@ -31,21 +31,24 @@ def promises(runs: Runs) -> list[Promise]:
 
 
 def _shares(runs: Runs) -> Iterator[Promise]:
-    for baudrate in (38400, 115200):
-        place = {"baudrate": baudrate}
-        close = runs.ratio("share", "share", OURS, FLOOR, **place)
-        if close is None:
-            continue
-        figure = f"{close.median:.4f} ({close.low:.4f}..{close.high:.4f})"
-        yield Promise(f"{baudrate} baud: at least {_CLOSE} of the floor", figure, close.median >= _CLOSE)
-        for peer in runs.libraries:
-            ahead = runs.ratio("share", "share", OURS, peer, **place)
-            if peer not in (OURS, FLOOR) and LIBRARIES[peer].keeps_silence and ahead is not None:
-                figure = f"{ahead.median:.3f} ({ahead.low:.3f}..{ahead.high:.3f})"
-                yield Promise(f"{baudrate} baud: ahead of {peer}", figure, ahead.median > 1)
+    for metric, whose in (("share", ""), ("typical", "the median transaction, ")):
+        for baudrate in (38400, 115200):
+            yield from _share(runs, metric, f"{whose}{baudrate} baud", baudrate)
     if runs.of("share", OURS):
         early, frames = runs.total("early", "share", OURS), runs.total("frames", "share", OURS)
         yield Promise("no frame before t3.5", f"{early} of {frames}", early == 0)
+
+
+def _share(runs: Runs, metric: str, where: str, baudrate: int) -> Iterator[Promise]:
+    for other in runs.libraries:
+        ratio = runs.ratio(metric, "share", OURS, other, baudrate=baudrate)
+        if ratio is None or other == OURS:
+            continue
+        figure = f"{ratio.median:.4f} ({ratio.low:.4f}..{ratio.high:.4f})"
+        if other == FLOOR:
+            yield Promise(f"{where}: at least {_CLOSE} of the floor", figure, ratio.median >= _CLOSE)
+        elif LIBRARIES[other].keeps_silence:
+            yield Promise(f"{where}: ahead of {other}", figure, ratio.median > 1)
 
 
 def _cpu(runs: Runs) -> Iterator[Promise]:

@@ -85,7 +85,12 @@ def rows(runs: Runs) -> list[Row]:
             title = f"share of the limit, {baudrate} baud, {units} unit{'s' * (units > 1)}"
             table.add(title, _share, baudrate=baudrate, units=units)
     for baudrate in rates:
-        table.add(f"share of the floor's, {baudrate} baud", _share_of_floor, baudrate=baudrate)
+        table.add(f"share of the floor's, {baudrate} baud", _of_floor, metric="share", baudrate=baudrate)
+    for baudrate in rates:
+        table.add(f"the median transaction: share of the limit, {baudrate} baud", _typical, baudrate=baudrate)
+    for baudrate in rates:
+        title = f"the median transaction: share of the floor's, {baudrate} baud"
+        table.add(title, _of_floor, metric="typical", baudrate=baudrate)
     table.add("frames before t3.5", _early)
     for baudrate in rates:
         table.add(f"CPU a request over pymodbus', {baudrate} baud", _cpu, baudrate=baudrate)
@@ -138,8 +143,12 @@ def _share(runs: Runs, library: str, **wanted: Any) -> str:
     return percent(runs.spread("share", "share", library, **wanted))
 
 
-def _share_of_floor(runs: Runs, library: str, **wanted: Any) -> str:
-    return percent(runs.ratio("share", "share", library, FLOOR, **wanted))
+def _typical(runs: Runs, library: str, **wanted: Any) -> str:
+    return percent(runs.spread("typical", "share", library, **wanted))
+
+
+def _of_floor(runs: Runs, library: str, metric: str, **wanted: Any) -> str:
+    return percent(runs.ratio(metric, "share", library, FLOOR, **wanted))
 
 
 def _cpu(runs: Runs, library: str, **wanted: Any) -> str:

@@ -298,11 +298,12 @@ class Bus:
 
     def received(self, data: bytes) -> None:
         """Bytes came in. For the transport."""
-        self._pumping = True  # who is told of a reply may ask for more: that goes out when all bytes are understood
+        # Who is told of a reply may ask for more: that goes out when all bytes are understood.
+        pumping, self._pumping = self._pumping, True
         try:
             self._owner.feed(data, self._loop.time())
         finally:
-            self._pumping = False
+            self._pumping = pumping
         self._look()
 
     def lost(self, error: Exception | None) -> None:

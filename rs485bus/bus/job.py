@@ -79,6 +79,7 @@ class Job:
     """
 
     __slots__ = (
+        "address",
         "answered_since",
         "attempts",
         "code",
@@ -87,6 +88,7 @@ class Job:
         "epoch",
         "expires_at",
         "internal",
+        "is_broadcast",
         "motion",
         "moves",
         "on_end",
@@ -120,6 +122,8 @@ class Job:
         on_end: Callable[[Job], None] | None = None,
     ) -> None:
         self.request = request
+        self.address = request.address
+        self.is_broadcast = request.address == BROADCAST
         self.urgency = urgency
         self.repeat = repeat
         self.moves = moves
@@ -146,14 +150,6 @@ class Job:
         self.reply = b""
         self.code: int | None = None
         """The exception code of a refusal, if it had one."""
-
-    @property
-    def address(self) -> int:
-        return self.request.address
-
-    @property
-    def is_broadcast(self) -> bool:
-        return self.request.address == BROADCAST
 
     @property
     def is_stale(self) -> bool:

@@ -61,6 +61,8 @@ class Queue:
         again = float("inf")
         for urgency in lanes:
             lane = self._lanes[urgency]
+            if not lane:
+                continue
             for address in tuple(lane):
                 while (line := lane.get(address)) is not None:
                     job = next(iter(line))

@@ -6,6 +6,7 @@ import logging
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from rs485bus.bus.job import Urgency
 
@@ -16,8 +17,7 @@ FLIGHT_RECORDER = 256
 _LATENCIES = 1024
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Record(NamedTuple):
     """One attempt on the wire. Times are seconds on the bus' clock (the event loop's)."""
 
     address: int

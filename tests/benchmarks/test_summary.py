@@ -11,7 +11,7 @@ from benchmarks.summary import Runs, Spread
 
 def share(library: str, repetition: int, share: float, cpu: float = 100.0, early: int = 0) -> dict[str, Any]:
     place = {"row": "share", "library": library, "baudrate": 115200, "units": 8, "amount": 0, "repetition": repetition}
-    return {**place, "share": share, "cpu_us": cpu, "early": early, "frames": 100, "others": 0.0}
+    return {**place, "share": share, "typical": share, "cpu_us": cpu, "early": early, "frames": 100, "others": 0.0}
 
 
 def of(ours: list[float], floor: list[float], early: int = 0) -> Runs:

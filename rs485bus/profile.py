@@ -67,3 +67,22 @@ def rpm_for(turns: float, seconds: float, up: float, down: float | None = None) 
         return needed / seconds
     root = seconds * seconds - 2 * ramps * needed
     return None if root < 0 else (seconds - math.sqrt(root)) / ramps
+
+
+def seconds_to(turns: float, rpm: float, ramp: float, speed: float) -> float:
+    """How long a move takes that is begun while the motor turns.
+
+    Args:
+        turns: how far the target is; negative behind.
+        rpm: the speed of the move, above 0.
+        ramp: the rate at which it gets faster and slower, above 0, in rpm/s.
+        speed: how fast it turns now, in rpm; positive is the same way as in `turns`.
+    """
+    way, fast = abs(turns), abs(speed)
+    braking = fast * fast / (2 * ramp * _MINUTE)
+    if turns * speed < 0 or braking > way:
+        return fast / ramp + Profile(abs(turns - math.copysign(braking, speed)), rpm, ramp).duration
+    if fast <= rpm:
+        # The rest of a move that began earlier, from a stand.
+        return Profile(way + braking, rpm, ramp).duration - fast / ramp
+    return fast / ramp + _MINUTE * (way - braking) / rpm

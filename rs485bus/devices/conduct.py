@@ -106,6 +106,8 @@ class Conduct(ABC):
         """Why it moves only after `enable()`."""
         self._running = False
         """It was told to keep a speed."""
+        self._way = (0, 0)
+        """From where to where the move under way goes, in counts."""
         self._stands = asyncio.Event()
 
     # What families do
@@ -146,6 +148,9 @@ class Conduct(ABC):
     async def _why(self, look: Look, target: int) -> MotionError:
         """Why it stands where it should not, from what the drive reports."""
 
+    async def _meanwhile(self, move: Move) -> None:  # noqa: B027 - few families change what is under way
+        """Called during a move each time before the axis is looked at."""
+
     # Moves
 
     async def _carry_out(self, move: Move, target_from: Callable[[Look], int], pace: Pace) -> Look:
@@ -157,11 +162,13 @@ class Conduct(ABC):
         seconds = Profile(turns, pace.rpm, pace.acceleration).duration
         self._forget()
         move.state = MoveState.STARTING
+        self._way = (before.position, target)
         await self._begin(move, before, target, lambda: self._send_move(target, pace))
         move.state = MoveState.MOVING
         assert move.started_at is not None
         move.eta = move.started_at + seconds
-        look = await self._arrive(move, seconds, lambda look: self._near(look.position, target))
+        look = await self._arrive(move, lambda look: self._near(look.position, self._way[1]))
+        target = self._way[1]
         if not self._near(look.position, target):
             raise await self._why(look, target)
         self._commanded, self._seen = target, look
@@ -181,9 +188,8 @@ class Conduct(ABC):
         assert move.started_at is not None
         self._running = rpm != 0
         if duration is not None or rpm == 0:
-            seconds = ramp + (duration or 0.0)
-            move.eta = move.started_at + seconds
-            await self._arrive(move, seconds, lambda _: True)
+            move.eta = move.started_at + ramp + (duration or 0.0)
+            await self._arrive(move, lambda _: True)
             self._running = False
             return
         move.eta = move.started_at + ramp
@@ -255,16 +261,17 @@ class Conduct(ABC):
         self._check_reference(look, before)
         return False
 
-    async def _arrive(self, move: Move, seconds: float, arrived: Callable[[Look], bool]) -> Look:
+    async def _arrive(self, move: Move, arrived: Callable[[Look], bool]) -> Look:
         """Wait until the motor stands; look when it should, not all the time."""
         assert move.started_at is not None
-        late = move.started_at + 2 * seconds + 1
-        grace = move.started_at + self.attached.start_grace
-        pause = min(max(seconds / 50, _POLL_SHORTEST), _POLL_LONGEST)
+        assert move.eta is not None
+        pause = min(max((move.eta - move.started_at) / 50, _POLL_SHORTEST), _POLL_LONGEST)
         self._stands.clear()
-        with anyio.move_on_after(max(0.0, seconds + move.started_at - self.bus.now())):
-            await self._stands.wait()
         while True:
+            with anyio.move_on_after(max(0.0, move.eta - self.bus.now())):
+                await self._stands.wait()
+            self._stands.clear()
+            await self._meanwhile(move)
             try:
                 look = await self._look(quick=True)
             except NoReply:
@@ -273,10 +280,11 @@ class Conduct(ABC):
                 self._lost = "its drive stopped answering and may have restarted."
                 await self._block(f"its drive stopped answering during {move.what}")
                 raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
+            grace = self.motion.commanded_at + self.attached.start_grace
             if look is not None and not look.moving and (arrived(look) or look.at > grace):
                 self.motion.stands(look.at)
                 return look
-            if self.bus.now() > late:
+            if self.bus.now() > 2 * move.eta - move.started_at + 1:
                 raise self._too_late(move)
             await anyio.sleep(pause)
 
@@ -408,6 +416,15 @@ class Conduct(ABC):
         _log.warning("%s", error)
         self._orders.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
         self._forget()
+
+    def _was_interrupted(self, unheard: float, reason: str) -> None:
+        """The bus stopped the drive for safety, or lost it."""
+        if self.bus.owner.stations[self.attached.address].locked:
+            self.interrupted(
+                RearmRequired(f"{self.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
+            )
+        else:
+            self.interrupted(NotSent(f"{self.name}: {reason}. It is stopped as soon as the port is there again."))
 
     def told_standing(self) -> None:
         """The drive said, unasked by the axis, that it stands: worth a look."""

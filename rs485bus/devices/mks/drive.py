@@ -13,7 +13,7 @@ from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.attached import FAMILY, MksAttached
 from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.devices.mks.values import Model, MotionDirection, Status, WorkMode
-from rs485bus.errors import LimitExceeded, MotionError, MotorStalled, MoveFailed, NotSent, RearmRequired, ReferenceLost
+from rs485bus.errors import LimitExceeded, MotionError, MotorStalled, MoveFailed, ReferenceLost
 from rs485bus.wire.frames import Request, payload
 from rs485bus.wire.registers import Block, Register
 
@@ -200,11 +200,3 @@ class MksDrive(Axis):
         """The answer to a feed: the motor stands, perhaps earlier than it should."""
         if request.register == r.STATUS.address and payload(reply)[-1] == Status.STOPPED:
             self.told_standing()
-
-    def _was_interrupted(self, unheard: float, reason: str) -> None:
-        if self.bus.owner.stations[self.address].locked:
-            self.interrupted(
-                RearmRequired(f"{self.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
-            )
-        else:
-            self.interrupted(NotSent(f"{self.name}: {reason}. It is stopped as soon as the port is there again."))

@@ -5,6 +5,19 @@ from rs485bus.sim.device import SimDevice, SimUnit
 from rs485bus.sim.mks import SimMks
 from rs485bus.sim.mks_motion import Machine
 from rs485bus.sim.noise import Noise
+from rs485bus.sim.tlr import SimTlr
+from rs485bus.sim.tlr_machine import Dip, TlrMachine
 from rs485bus.sim.virtual_line import VirtualLine
 
-__all__ = ["Machine", "Noise", "SimDevice", "SimMks", "SimUnit", "VirtualClockLoop", "VirtualLine"]
+__all__ = [
+    "Dip",
+    "Machine",
+    "Noise",
+    "SimDevice",
+    "SimMks",
+    "SimTlr",
+    "SimUnit",
+    "TlrMachine",
+    "VirtualClockLoop",
+    "VirtualLine",
+]

@@ -208,7 +208,7 @@ class Conduct(ABC):
         if self._running and standing:
             await self._stand_still()
         seen = self._seen
-        if seen is not None and self.bus.now() - seen.at < _FRESH:
+        if seen is not None and seen.enabled and self.bus.now() - seen.at < _FRESH:
             return seen
         look = await self._look()
         if look.moving and standing:

@@ -89,7 +89,7 @@ class Retargeting(Axis):
             raise
 
     async def _make_change(self, move: Move, change: _Change) -> None:
-        await anyio.sleep(self.motion.commanded_at + self.attached.start_grace - self.bus.now())
+        await anyio.sleep(max(0.0, self.motion.commanded_at + self.attached.start_grace - self.bus.now()))
         look = await self._look(quick=True)
         if not look.moving:
             # It has ended, or its drive has restarted: nothing may set it in motion again.

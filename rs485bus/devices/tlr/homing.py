@@ -108,6 +108,7 @@ class TlrHoming(TlrDrive):
         if not look.enabled:
             raise NotEnabled(f"{self.name} is not enabled: enable() it first.")
         self._check_fault(look.report)
+        self._gone = False
         return look
 
     async def _check_input(self, mode: HomingMode) -> None:

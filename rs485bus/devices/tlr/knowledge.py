@@ -77,6 +77,8 @@ class TlrKnowledge(Retargeting):
         self._driven = False
         """An input may set the motor in motion."""
         self._witness = Witness()
+        self._gone = False
+        """It has restarted since the command under way began."""
         super().__init__(
             bus,
             self._drive,
@@ -149,8 +151,8 @@ class TlrKnowledge(Retargeting):
             restarted = self._witness.denies(await self.link.read_words(r.POSITIONING, Urgency.POLL))
         if restarted:
             self._restarted("its drive has restarted: what was written to it is gone.")
-            if quick:
-                raise self._reference_lost()
+        if quick and self._gone:
+            raise self._reference_lost()
         enabled = StatusWord.ENABLED in report.status if self.enabled_bit else self._energised is True
         return TlrLook(at, report.position, report.moving, enabled, report, restarted)
 
@@ -174,6 +176,7 @@ class TlrKnowledge(Retargeting):
             look = await super()._prepare(standing=standing)
         if isinstance(look, TlrLook):
             self._check_fault(look.report)
+        self._gone = False
         return look
 
     def _check_fault(self, report: Report) -> None:
@@ -193,6 +196,7 @@ class TlrKnowledge(Retargeting):
     def _restarted(self, why: str) -> None:
         """It counts from zero again, and is as it was saved."""
         self._lost = why
+        self._gone = True
         self._witness.forget()
         self._energised = self._enabled = None
         self._ready = False

@@ -41,6 +41,8 @@ class TlrMachine:
     """Seconds between a command and the start."""
     homing_pause: float = 0.05
     """Seconds for which it stands where homing turns round."""
+    stays_homed: bool = False
+    """While it homes again the drive goes on saying that it is homed."""
     following_error: int = 0
     """Pulses by which a closed loop stands off its target."""
 

@@ -205,7 +205,7 @@ class TlrMotion:
         if not self._may_move(0, now):
             raise Denied
         self.halt(now)
-        self.homed = False
+        self.homed = self.homed and self.machine.stays_homed
         if mode is HomingMode.HERE:
             self.moves += 1
             self._found(offset, speed, now)

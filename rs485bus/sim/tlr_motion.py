@@ -147,11 +147,10 @@ class TlrMotion:
         """The shaft may have come to a switch, a limit or a stop."""
         low, high = self.machine.travel
         shaft, rpm = self.shaft(now), self.motor.rpm(now)
-        if (rpm > 0 and shaft >= high) or (rpm < 0 and shaft <= low):
-            if self.closed_loop:
-                self.fail(POSITION_ERROR, now)
-            else:
-                self._slip += shaft - min(max(shaft, low), high)
+        if not self.closed_loop:
+            self._slip += shaft - min(max(shaft, low), high)
+        elif (rpm > 0 and shaft >= high) or (rpm < 0 and shaft <= low):
+            self.fail(POSITION_ERROR, now)
         self.inputs_changed(now)
         way = self.rpm(now)
         homing_to = self._homing.switch if self._homing is not None else None

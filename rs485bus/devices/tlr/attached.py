@@ -20,7 +20,7 @@ _EMERGENCY_STOP_TAKES = 0.1
 _LONGEST_RAMP = r.MAX_RAMP_MS / 1000
 _STOPS = ControlWord.STOP | ControlWord.EMERGENCY_STOP
 _WRITTEN = (range(r.INPUT_POLARITY.address, 0xE0), range(r.OPERATING_MODE.address, 0x11A))
-"""Where its parameters are. What is in the holes between them nobody says: MKS "home" is one, the sixth word of a path."""
+"""Where its parameters are. What the holes between them do nobody says: MKS "home" is one, the sixth word of a path."""
 
 
 class TlrAttached(Attached):

@@ -172,7 +172,7 @@ async def test_a_homing_that_a_limit_switch_ends_has_failed() -> None:
     sim = SimTlr(shaft=1.0, machine=machine())
     async with stepper_on(sim) as x:
         await x.enable()
-        with pytest.raises(HomingFailed, match="stands without having found its origin, with inputs <Ports.PORT_1"):
+        with pytest.raises(HomingFailed, match=r"stands without having found its origin, with inputs <Ports\.PORT_1"):
             await x.home(Homing(mode=HomingMode.POSITIVE_ORIGIN, **FAST))
         assert sim.shaft(now()) == pytest.approx(6.0, abs=0.3)
 
@@ -281,7 +281,7 @@ async def test_a_limit_switch_stops_it_as_it_is_set_to(how: LimitStop) -> None:
     async with stepper_on(sim) as x:
         x.enable()
         await x.set_limit_stop(how)
-        with pytest.raises(MoveFailed, match=r"with inputs <Ports.PORT_1: 2>. A limit switch"):
+        with pytest.raises(MoveFailed, match=r"with inputs <Ports\.PORT_1: 2>\. A limit switch"):
             await x.move_to(20.0, rpm=600, acceleration=1200)
         past = 0.0 if how is LimitStop.EMERGENCY else 10 * 0.5 / 2
         assert sim.shaft(now()) - 6.0 == pytest.approx(past, abs=0.01)

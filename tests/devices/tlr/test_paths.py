@@ -38,9 +38,8 @@ def trigger_by_input(sim: SimTlr, path: int) -> None:
 
 
 async def standing(sim: SimTlr) -> float:
-    await asyncio.sleep(0.05)
-    while sim.moving(now()):
-        await asyncio.sleep(0.1)
+    await asyncio.sleep(20.0)
+    assert not sim.moving(now())
     return sim.shaft(now())
 
 

@@ -6,6 +6,7 @@ from rs485bus.bus.job import Urgency
 from rs485bus.bus.opening import open_bus
 from rs485bus.devices.mks import MksServo
 from rs485bus.devices.move import Move, MoveState
+from rs485bus.devices.tlr import TlrStepper
 from rs485bus.devices.zlac import DifferentialDrive, Zlac8015d
 from rs485bus.wire.registers import Repeat
 from rs485bus.wire.timing import LineSettings
@@ -21,6 +22,7 @@ __all__ = [
     "Move",
     "MoveState",
     "Repeat",
+    "TlrStepper",
     "Urgency",
     "Zlac8015d",
     "open_bus",

@@ -89,6 +89,10 @@ class Bus:
 
         Returns:
             An async context manager. Entering it raises `WatchdogInfeasible` if the devices cannot be fed in time.
+
+        Raises:
+            NotSupported: a drive has no watchdog.
+            LimitExceeded: its register cannot hold the time.
         """
         self.check_thread()
         return Watchdog(self, [axis.attached for axis in axes], [axis.drain for axis in axes], timeout, lease)

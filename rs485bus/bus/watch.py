@@ -51,14 +51,14 @@ class Watchdog:
         self._devices = list({device.address: device for device in devices}.values())
         self._drains = drains
         self.timeout = timeout
+        for device in self._devices:
+            check_watchdog(device, timeout)
         if lease is not None and not lease > 0:
             raise ValueError(f"lease {lease} is not above 0 s")
         self._lease = None if lease is None else Lease(bus.owner, self._devices, lease)
 
     async def __aenter__(self) -> Watchdog:
         bus, owner = self._bus, self._bus.owner
-        for device in self._devices:
-            check_watchdog(device, self.timeout)
         admit_watchdogs(owner, self._devices, self.timeout)
         armed = asyncio.get_running_loop().create_future()
         bus.start(arm(owner, self._devices, self.timeout), armed.set_result)

@@ -235,8 +235,8 @@ class Axis(Conduct):
         if not lowest <= counts <= highest:
             ends = sorted((self._to_units(lowest), self._to_units(highest)))
             raise LimitExceeded(
-                f"{self.name}: position {position:g} is outside {ends[0]:g}..{ends[1]:g}, which is what the drive can "
-                "be told. Go there in steps, each from a new zero: set_zero()."
+                f"{self.name}: position {position:.10g} is outside {ends[0]:.10g}..{ends[1]:.10g}, which is what the "
+                "drive can be told. Go there in steps, each from a new zero: set_zero()."
             )
         return counts
 

@@ -87,6 +87,8 @@ class Conduct(ABC):
     """
 
     counts_per_turn: int
+    tells_restarts = False
+    """Whether a restart of the drive is noticed by what it says afterwards, not by its position alone."""
 
     def __init__(self, bus: Bus, attached: Attached, motion: Motion, name: str, tolerance: int) -> None:
         self.bus = bus
@@ -223,7 +225,7 @@ class Conduct(ABC):
         if self._running and standing:
             await self._stand_still()
         seen = self._seen
-        if seen is not None and self.bus.now() - seen.at < _FRESH:
+        if seen is not None and seen.enabled and self.bus.now() - seen.at < _FRESH:
             return seen
         look = await self._look()
         if look.moving and standing:
@@ -234,6 +236,11 @@ class Conduct(ABC):
             raise NotEnabled(f"{self.name} is not enabled: enable() it first.")
         self._enabled = True
         return look
+
+    def _suspect(self, why: str) -> None:
+        """The drive may have restarted while nobody saw it: its positions are not to be trusted, if it would not say."""
+        if not self.tells_restarts:
+            self._lost = why
 
     def _check_reference(self, look: Look, seen: Look | None) -> None:
         """Notice what cannot be explained since the axis was last seen standing."""
@@ -282,7 +289,7 @@ class Conduct(ABC):
                         return
                 except RequestFailed as error:
                     if isinstance(error, NoReply | DeviceOffline):
-                        self._lost = "its drive did not say whether it took its last move, and may have restarted."
+                        self._suspect("its drive did not say whether it took its last move, and may have restarted.")
                     self._between = (before.position, before.position if target is None else target)
                     await self._block(f"nobody knows whether {move.what} started ({unknown})")
                     raise unknown from None
@@ -331,7 +338,7 @@ class Conduct(ABC):
             except NoReply:
                 look = None
             except DeviceOffline as error:
-                self._lost = "its drive stopped answering and may have restarted."
+                self._suspect("its drive stopped answering and may have restarted.")
                 await self._block(f"its drive stopped answering during {move.what}")
                 raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
             grace = self.motion.commanded_at + self.attached.start_grace
@@ -470,6 +477,15 @@ class Conduct(ABC):
         _log.warning("%s", error)
         self._orders.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
         self._forget()
+
+    def _was_interrupted(self, unheard: float, reason: str) -> None:
+        """The bus stopped the drive for safety, or lost it."""
+        if self.bus.owner.stations[self.attached.address].locked:
+            self.interrupted(
+                RearmRequired(f"{self.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
+            )
+        else:
+            self.interrupted(NotSent(f"{self.name}: {reason}. It is stopped as soon as the port is there again."))
 
     def told_standing(self) -> None:
         """The drive said, unasked by the axis, that it stands: worth a look."""

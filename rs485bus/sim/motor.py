@@ -67,17 +67,50 @@ class Motor:
         """Stand at once."""
         self.place(self.position(now), now)
 
-    def go_to(self, target: float, rpm: float, ramp: float, now: float) -> None:
-        """Go to a position and stand there."""
+    def go_to(
+        self, target: float, rpm: float, ramp: float, now: float, *, down: float | None = None, start: float = 0.0
+    ) -> None:
+        """Go to a position and stand there.
+
+        Args:
+            target: where.
+            rpm: how fast.
+            ramp: how fast it gets faster.
+            now: when.
+            down: how fast it gets slower; None for the same.
+            start: the speed, in rpm, that it has at once when it begins from a stand.
+        """
         self.target = target
         self._begin(now)
-        self._append_move(target, rpm / _MINUTE, ramp / _MINUTE)
+        slower = (ramp if down is None else down) / _MINUTE
+        if start and not self._legs[-1].speed:
+            way = target - self._legs[-1].position
+            speed = min(start / _MINUTE, rpm / _MINUTE, math.sqrt(2 * slower * abs(way)) if way else 0.0)
+            self._legs[-1] = self._legs[-1]._replace(speed=math.copysign(speed, way))
+        self._append_move(target, rpm / _MINUTE, ramp / _MINUTE, slower)
 
     def run(self, rpm: float, ramp: float, now: float) -> None:
         """Change to a speed and keep it; 0 to stand."""
         self.target = None
         self._begin(now)
         self._append_speed(rpm / _MINUTE, ramp / _MINUTE)
+
+    def reaches(self, position: float, after: float, until: float) -> float | None:
+        """When it first comes to a position, or through it, after a time and until another; None if it does not."""
+        turns = [leg.at - leg.speed / leg.rate for leg in self._legs if leg.rate]
+        times = sorted(time for time in (*turns, *(leg.at for leg in self._legs)) if after < time < until)
+        early, there = after, self.position(after)
+        for late in (*times, until):
+            here, there = there, self.position(late)
+            if here < position <= there or here > position >= there:
+                up = here < position
+                for _ in range(60):
+                    middle = (early + late) / 2
+                    passed = self.position(middle) >= position if up else self.position(middle) <= position
+                    early, late = (early, middle) if passed else (middle, late)
+                return late
+            early = late
+        return None
 
     def _leg(self, now: float) -> tuple[_Leg, float]:
         leg = next((leg for leg in reversed(self._legs) if leg.at <= now), self._legs[0])
@@ -96,23 +129,24 @@ class Motor:
         end = last.position + (last.speed + speed) / 2 * took
         self._legs.append(_Leg(last.at + took, end, speed, 0.0))
 
-    def _append_move(self, target: float, speed: float, ramp: float) -> None:
+    def _append_move(self, target: float, speed: float, up: float, down: float) -> None:
         last = self._legs[-1]
         way = target - last.position
-        braking = last.speed * last.speed / (2 * ramp)
+        braking = last.speed * last.speed / (2 * down)
         if last.speed and (way * last.speed < 0 or braking > abs(way)):
-            self._append_speed(0.0, ramp)  # it cannot stop in time, or goes the wrong way: turn round
+            self._append_speed(0.0, down)  # it cannot stop in time, or goes the wrong way: turn round
             last = self._legs[-1]
             way = target - last.position
         if way:
-            fastest = math.sqrt(last.speed * last.speed / 2 + ramp * abs(way)) if ramp < math.inf else speed
+            ramps = 1 / up + 1 / down
+            fastest = math.sqrt((2 * abs(way) + last.speed * last.speed / up) / ramps) if ramps else speed
             peak = math.copysign(min(speed, fastest), way)
-            self._append_speed(peak, ramp)
+            self._append_speed(peak, up if abs(peak) >= abs(last.speed) else down)
             last = self._legs.pop()
-            cruise = (target - last.position) / peak - abs(peak) / (2 * ramp)
+            cruise = (target - last.position) / peak - abs(peak) / (2 * down)
             self._legs.append(last)
             if cruise > 0:
                 self._legs.append(_Leg(last.at + cruise, last.position + peak * cruise, peak, 0.0))
-            self._append_speed(0.0, ramp)
+            self._append_speed(0.0, down)
         last = self._legs.pop()
         self._legs.append(_Leg(last.at, target, 0.0, 0.0))

@@ -25,10 +25,8 @@ from rs485bus.errors import (
     MotorStalled,
     MoveFailed,
     NotEnabled,
-    NotSent,
     NotStanding,
     NotSupported,
-    RearmRequired,
     ReferenceLost,
 )
 from rs485bus.wire.frames import Request, payload
@@ -289,11 +287,3 @@ class MksDrive(Axis):
         """The answer to a feed: the motor stands, perhaps earlier than it should."""
         if request.register == r.STATUS.address and payload(reply)[-1] == Status.STOPPED:
             self.told_standing()
-
-    def _was_interrupted(self, unheard: float, reason: str) -> None:
-        if self.bus.owner.stations[self.address].locked:
-            self.interrupted(
-                RearmRequired(f"{self.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
-            )
-        else:
-            self.interrupted(NotSent(f"{self.name}: {reason}. It is stopped as soon as the port is there again."))

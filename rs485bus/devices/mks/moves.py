@@ -6,42 +6,24 @@ Source: MKS RTU V1.0.9, 9.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 
-from rs485bus.bus.handle import Handle
 from rs485bus.devices.conduct import Look, Pace
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.values import MotionDirection
-from rs485bus.devices.move import Move, MoveState
-from rs485bus.errors import LimitExceeded, MotionError, MoveCancelled, OutcomeUnknown, RequestFailed
-from rs485bus.profile import seconds_to
+from rs485bus.devices.move import Move
+from rs485bus.devices.retarget import Retargeting
+from rs485bus.errors import LimitExceeded
 from rs485bus.wire.registers import Field
 
-_ATTEMPTS = 3
 
-
-@dataclass(frozen=True, slots=True)
-class _Change:
-    """Another target for the move under way."""
-
-    handle: Handle[None]
-    position: float
-    target: int
-    pace: Pace
-
-
-class MksMoves(MksDrive):
+class MksMoves(MksDrive, Retargeting):
     """Moves in the drive's own units, and changes of a move under way.
 
     Pulses are 200 times the microsteps a turn, counts 0x4000 a turn; both have the sign of positions. Whether the drive
     counts pulses and coordinates in the same direction only hardware tells: where it does not, such a move ends as
     `ReferenceLost` or `MoveFailed`.
     """
-
-    _live = False
-    """An absolute move by coordinates is under way: it can be changed."""
-    _change: _Change | None = None
 
     # Verbs
 
@@ -98,28 +80,6 @@ class MksMoves(MksDrive):
 
         return self._queue(f"move to {pulses} pulses", pace, lambda _: self._counts_of(pulses), start, once=False)
 
-    def retarget(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Handle[None]:
-        """Change target, speed and acceleration of the absolute move under way, without a stop (9.4, note 2).
-
-        The move keeps its handle, and is done where it goes now. The handle returned is done once the drive took the
-        change. Arguments as for `move_to`.
-
-        Raises:
-            LimitExceeded: one of them is out of its range; nothing is sent.
-            MotionError: no `move_to` or `move_by` is under way (`move.state` is not `MoveState.MOVING`).
-        """
-        pace = self._pace(rpm, acceleration)
-        target = self._target(position)
-        move = self._orders.current
-        if not (self._live and isinstance(move, Move) and move.state is MoveState.MOVING):
-            raise MotionError(f"{self.name}: no move_to() or move_by() is under way that could be changed.")
-        self._drop_change(f"{self.name}: another change of its target came first.")
-        handle: Handle[None] = Handle(f"change of the target of {self.name}", self._unseen)
-        self._change = _Change(handle, position, target, pace)
-        self._planned = None
-        self._stands.set()
-        return handle
-
     # Inside
 
     def _queue(
@@ -160,69 +120,16 @@ class MksMoves(MksDrive):
         *,
         once: bool = False,
     ) -> Look:
-        self._live = send is None
-        try:
-            look = await super()._carry_out(move, target_from, pace, send, once=once)
-            if self._near(look.position, 0):
-                await self._check_zero()
-            return look
-        finally:
-            self._live = False
-            self._drop_change(f"{self.name}: its move ended before the target was changed.")
+        look = await super()._carry_out(move, target_from, pace, send, once=once)
+        if self._near(look.position, 0):
+            await self._check_zero()
+        return look
 
-    def _drop_change(self, why: str) -> None:
-        change, self._change = self._change, None
-        if change is not None:
-            change.handle.fail(MoveCancelled(why))
-
-    async def _meanwhile(self, move: Move) -> None:
-        change, self._change = self._change, None
-        if change is None:
-            return
-        try:
-            await self._make_change(move, change)
-        except RequestFailed as error:
-            change.handle.fail(error)
-            if isinstance(error, OutcomeUnknown):
-                await self._block("nobody knows which target it goes to")
-                raise
-            # The move goes on to where it went.
-        except BaseException as error:
-            change.handle.fail(MoveCancelled(f"{self.name}: its target was not changed ({error!r})."))
-            raise
-
-    async def _make_change(self, move: Move, change: _Change) -> None:
-        await self._grace()
-        look = await self._look(quick=True)
-        if not look.moving:
-            # It has ended, or its drive has restarted: nothing may set it in motion again.
-            change.handle.fail(MoveCancelled(f"{self.name} stood still before its target was changed."))
-            return
-        pace, speed = change.pace, await self._read_velocity()
-        sent_at = self.bus.now()
-        for attempt in range(_ATTEMPTS):
-            try:
-                await self._send_move(change.target, pace)
-                break
-            except OutcomeUnknown:
-                if attempt + 1 == _ATTEMPTS:
-                    raise
-                if not await self._still_turns():
-                    self._lost = "it stood still when its target was changed: the drive may have restarted."
-                    raise
+    async def _send_change(self, target: int, pace: Pace, speed: float) -> None:
+        """By 0xF5 once more (9.4, note 2)."""
+        await self._send_move(target, pace)
         # It may be faster than it is to be.
         self._drive.ramp_takes = max(abs(speed), pace.rpm) / pace.acceleration
-        self._way = (self._way[0], change.target)
-        move.target, move.rpm, move.acceleration = change.position, pace.rpm, pace.acceleration
-        turns = (change.target - look.position) / self.counts_per_turn
-        move.eta = sent_at + seconds_to(turns, pace.rpm, pace.acceleration, speed)
-        change.handle.finish(None)
-
-    async def _still_turns(self) -> bool:
-        try:
-            return (await self._look(quick=True)).moving
-        except RequestFailed:
-            return False
 
 
 def _check_distance(field: Field[int], distance: int) -> None:

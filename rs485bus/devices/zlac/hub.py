@@ -49,6 +49,7 @@ class HubMotor(Axis):
     """
 
     other: HubMotor
+    tells_restarts = True
 
     def __init__(
         self,

@@ -1,0 +1,93 @@
+"""The five inputs and two outputs of a TL-R drive. Source: TL-R manual, 2.2.2, 3.5.2."""
+
+from __future__ import annotations
+
+from rs485bus.bus.handle import Handle
+from rs485bus.devices.tlr import registers as r
+from rs485bus.devices.tlr.drive import TlrDrive
+from rs485bus.devices.tlr.tables import Table
+from rs485bus.devices.tlr.values import DiFunction, DoFunction, Ports
+from rs485bus.errors import LimitExceeded
+from rs485bus.wire.registers import Register
+
+PATHS_BY_INPUTS = (
+    DiFunction.POSITION_TRIGGER,
+    DiFunction.SELECT_0,
+    DiFunction.SELECT_1,
+    DiFunction.SELECT_2,
+    DiFunction.SELECT_3,
+)
+"""DI0 to DI4, to go to paths by inputs (3.2.2)."""
+SPEED_PATHS_BY_INPUTS = (DiFunction.SPEED_TRIGGER, *PATHS_BY_INPUTS[1:])
+"""DI0 to DI4, to turn at speed paths by inputs (3.3)."""
+SWITCHES = (DiFunction.ORIGIN, DiFunction.POSITIVE_LIMIT, DiFunction.NEGATIVE_LIMIT, DiFunction.NONE, DiFunction.NONE)
+"""DI0 to DI4 as they are shipped, and as homing needs them (3.4.3)."""
+
+
+class Inputs(Table[DiFunction]):
+    """What the inputs do: `inputs[3] = DiFunction.STOP`.
+
+    Where an input may set the motor in motion, its position may change without a command: that is no reason then to
+    distrust it, as long as the drive has not restarted.
+    """
+
+    def __init__(self, drive: TlrDrive) -> None:
+        super().__init__(drive, r.INPUT_FUNCTIONS, lambda function: (function,), DiFunction)
+
+    def set(self, index: int, entry: DiFunction) -> Handle[None]:
+        """Give an input a function, and read that back. Raises as `Table.set`."""
+        return self._drive.put_setting(self._entry(index), entry, again=True)
+
+    def assign(self, *functions: DiFunction) -> Handle[None]:
+        """Give all inputs their functions, from DI0 on; `PATHS_BY_INPUTS`, say. What is left out does nothing."""
+        if len(functions) > r.INPUTS:
+            raise LimitExceeded(f"{self._drive.name}: {len(functions)} functions for {r.INPUTS} inputs")
+        filled = (*functions, *[DiFunction.NONE] * (r.INPUTS - len(functions)))
+        return self._drive.put_setting(r.ALL_INPUT_FUNCTIONS, *filled, again=True)
+
+    def set_polarity(self, index: int, *, normally_closed: bool) -> Handle[None]:
+        """Whether an input is active while its contact is open."""
+        return _set_bit(self._drive, r.INPUT_POLARITY, index, len(self), normally_closed)
+
+    def set_filter(self, coefficient: int) -> Handle[None]:
+        """How much of bouncing is filtered out, of all inputs: 0..1024, 2 as shipped. Its unit is not said."""
+        return self._drive.put_setting(r.INPUT_FILTER, coefficient)
+
+    async def states(self) -> tuple[bool, ...]:
+        """Which are on."""
+        return _bits(await self._drive.link.read(r.INPUT_STATES), len(self))
+
+
+class Outputs(Table[DoFunction]):
+    """What the outputs tell: `outputs[1] = DoFunction.IN_POSITION`."""
+
+    def __init__(self, drive: TlrDrive) -> None:
+        super().__init__(drive, r.OUTPUT_FUNCTIONS, lambda function: (function,), DoFunction)
+
+    def set_polarity(self, index: int, *, normally_closed: bool) -> Handle[None]:
+        """Whether an output is open while it tells something."""
+        return _set_bit(self._drive, r.OUTPUT_POLARITY, index, len(self), normally_closed)
+
+    def force(self, which: int, on: bool) -> Handle[None]:
+        """Switch the output whose function is `DoFunction.FORCED_1`, 2 or 3."""
+        return _set_bit(self._drive, r.FORCED_OUTPUTS, which - 1, 3, on)
+
+    async def states(self) -> tuple[bool, ...]:
+        """Which are on."""
+        return _bits(await self._drive.link.read(r.OUTPUT_STATES), len(self))
+
+
+def _set_bit(drive: TlrDrive, register: Register[Ports], index: int, count: int, on: bool) -> Handle[None]:
+    if not 0 <= index < count:
+        raise IndexError(f"{drive.name}: {index} is outside 0..{count - 1}")
+
+    async def carry_out() -> None:
+        bits = await drive.link.read(register)
+        bit = Ports(1 << index)
+        await drive.link.put(register, bits | bit if on else bits & ~bit)
+
+    return drive.setting(f"bit {index} of {register.name} = {on}", carry_out)
+
+
+def _bits(ports: Ports, count: int) -> tuple[bool, ...]:
+    return tuple(bool(ports & (1 << port)) for port in range(count))

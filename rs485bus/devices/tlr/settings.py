@@ -1,0 +1,171 @@
+"""What a TL-R drive is set to. Source: TL-R manual, 2.2.4, 3.5.3, 3.5.6.
+
+What is written holds until the drive is switched off, unless it was saved.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from rs485bus.bus.handle import Handle
+from rs485bus.devices.tlr import registers as r
+from rs485bus.devices.tlr.drive import TlrDrive
+from rs485bus.devices.tlr.values import Auxiliary, BaudRate, LimitStop, OperatingMode, SerialFormat
+from rs485bus.errors import LimitExceeded, NotSupported
+from rs485bus.wire.frames import MAX_ADDRESS
+from rs485bus.wire.registers import Field, Register, Repeat
+
+T = TypeVar("T")
+
+_GUARDED = frozenset(register.address for register in r.MANUFACTURER)
+_VERBS: dict[Register[Any] | Field[Any], str] = {
+    r.STATION: "set_station()",
+    r.BAUD_RATE: "set_baudrate()",
+    r.SERIAL_FORMAT: "set_serial_format()",
+    r.SUBDIVISION: "set_subdivision()",
+    r.DIRECTION: "set_direction()",
+    **dict.fromkeys(r.INPUT_FUNCTIONS, "inputs"),
+    **dict.fromkeys(r.POSITIONING.fields, "move_to()"),
+}
+"""What there is a verb for, because more depends on it."""
+_FREE = frozenset(register.address for register in r.SETTINGS if register not in _VERBS)
+
+
+class TlrSettings(TlrDrive):
+    """A drive that is set up."""
+
+    # Limits
+
+    def set_soft_limits(self, low: float | None = None, high: float | None = None) -> Handle[None]:
+        """Let the drive itself stop at two positions, in units of the axis; without them it does so no more.
+
+        They count only once the drive was homed since it was switched on (3.5.3).
+        """
+        if low is None or high is None:
+            if low is not high:
+                raise ValueError("set_soft_limits takes both limits, or none to turn them off")
+            return self.put_setting(r.SOFT_LIMITS_ON, False)
+        if low > high:
+            raise ValueError(f"soft limits {low:g}..{high:g} are the wrong way round")
+
+        async def carry_out() -> None:
+            negative, positive = sorted((self._to_counts(low), self._to_counts(high)))
+            await self.link.put(r.SOFT_LIMITS, positive, negative)
+            await self.link.put(r.SOFT_LIMITS_ON, True)
+
+        return self.setting(f"soft limits {low:g}..{high:g}", carry_out)
+
+    def set_limit_stop(self, how: LimitStop) -> Handle[None]:
+        """What a limit switch does to the motor."""
+        return self.put_setting(r.LIMIT_STOP, how)
+
+    # Counting
+
+    def set_subdivision(self, pulses: int) -> Handle[None]:
+        """Pulses a turn: 400..51200. Positions then mean something else: home the axis, or set its zero."""
+        return self._recount(r.SUBDIVISION, pulses)
+
+    def set_direction(self, *, reverse: bool) -> Handle[None]:
+        """Which way the shaft turns. Positions then mean something else: home the axis, or set its zero."""
+        return self._recount(r.DIRECTION, reverse)
+
+    # The line. The DIP switches must allow for it: SW1 to SW4 off for the station, SW5 on for the baud rate.
+
+    def set_station(self, station: int) -> Handle[None]:
+        """Its address while SW1 to SW4 are off: 1..247 (the manual has 0 to 254; Modbus ends at 247).
+
+        Whether it counts at once or after `save()` and a power cycle is not said. Make a new `TlrStepper` for it then.
+        If the answer is lost, `OutcomeUnknown` is raised: ask for it at both addresses.
+        """
+        if not 1 <= station <= MAX_ADDRESS:
+            raise LimitExceeded(f"station {station} is outside 1..{MAX_ADDRESS}")
+        return self._reach_by(r.STATION, station)
+
+    def set_baudrate(self, baudrate: BaudRate) -> Handle[None]:
+        """Its baud rate while SW5 is on. When it counts is not said, as for `set_station`; open the bus at it then."""
+        return self._reach_by(r.BAUD_RATE, baudrate)
+
+    def set_serial_format(self, serial_format: SerialFormat) -> Handle[None]:
+        """Its parity and stop bits. When they count is not said, as for `set_station`; open the bus with them then."""
+        return self._reach_by(r.SERIAL_FORMAT, serial_format)
+
+    # All of it
+
+    def save(self) -> Handle[None]:
+        """Have the drive keep what it is set to when it is switched off."""
+
+        async def carry_out() -> None:
+            # What is saved must not be what is written next: else a restart could not be told.
+            await self._put_nothing(unlike=0)
+            await self.link.auxiliary(Auxiliary.SAVE)
+            await self._put_nothing(unlike=1)
+
+        return self.setting("save", carry_out)
+
+    def factory_reset(self) -> Handle[None]:
+        """Set everything as it was shipped, the station and the baud rate too.
+
+        The axis then needs `enable()`, and `home()` or `set_zero()`. Raises `OutcomeUnknown` if the answer is lost.
+        """
+
+        async def carry_out() -> None:
+            if self._running:
+                await self._stand_still()
+            try:
+                await self.link.auxiliary(Auxiliary.FACTORY_RESET, Repeat.NEVER)
+            finally:
+                self._restarted("its drive was reset.")
+
+        return self.setting("factory reset", carry_out)
+
+    def set_operating_mode(self, mode: OperatingMode) -> Handle[None]:
+        """Whether its loop is closed. It counts after `save()` and a power cycle; TLO drives have no encoder."""
+        return self.put_setting(r.OPERATING_MODE, mode)
+
+    # Anything else
+
+    async def read(self, register: Register[T]) -> T:
+        """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`."""
+        return await self.link.read(register)
+
+    def write(self, register: Register[T], value: T, *, manufacturer: bool = False) -> Handle[None]:
+        """Write any parameter that is kept, and read it back.
+
+        Args:
+            register: of `rs485bus.devices.tlr.registers`.
+            value: what it is to be.
+            manufacturer: write a parameter that the manufacturer has set for the motor (3.5.6).
+
+        Raises:
+            LimitExceeded: the value is out of its range; nothing is queued.
+            NotSupported: it is not to be written in this way; nothing is queued.
+        """
+        if register.address in _GUARDED and not manufacturer:
+            raise NotSupported(
+                f"{self.name}: {register.name} (0x{register.address:X}) is set by the manufacturer for the motor; a "
+                "wrong value can damage both. Note what it reads, then write it with manufacturer=True."
+            )
+        if register.address not in _FREE | _GUARDED:
+            raise NotSupported(
+                f"{self.name}: {register.name} (0x{register.address:X}) is not written like that; for what can be, "
+                f"there is {_VERBS.get(register, 'move_to(), run(), home(), stop(), enable(), set_zero(), save()')}."
+            )
+        return self.put_setting(register, value)
+
+    # Inside
+
+    def _recount(self, register: Register[Any], value: Any) -> Handle[None]:
+        register.encode(value)
+
+        async def carry_out() -> None:
+            if self._running:
+                await self._stand_still()
+            self._lost = f"its {register.name} was changed."
+            self._forget()
+            self._ready = False
+            await self.link.put(register, value)
+
+        return self.setting(f"{register.name} = {value}", carry_out)
+
+    def _reach_by(self, register: Register[Any], value: Any) -> Handle[None]:
+        return self.setting(f"{register.name} = {value}", lambda: self.link.write(register, value))

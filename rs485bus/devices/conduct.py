@@ -238,7 +238,7 @@ class Conduct(ABC):
         return look
 
     def _suspect(self, why: str) -> None:
-        """The drive may have restarted while nobody saw it: its positions are not to be trusted, if it would not say."""
+        """The drive may have restarted unseen: its positions are not to be trusted, unless it would tell."""
         if not self.tells_restarts:
             self._lost = why
 

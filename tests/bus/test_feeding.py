@@ -330,7 +330,7 @@ def test_a_release_stops_confirms_and_turns_the_watchdog_off() -> None:
     guard(rig, *made)
     ended: list[list[Halted]] = []
     mark = len(rig.sent)
-    rig.owner.start(release(rig.owner, [drive.attached for drive in made], {}), ended.append)
+    rig.owner.start(release(rig.owner, [drive.attached for drive in made]), ended.append)
     rig.run(1.0)
     assert all(halted.standing for halted in ended[0])
     assert [drive.sim.watchdog_ms for drive in made] == [0, 0, 0]
@@ -348,7 +348,7 @@ def test_what_is_not_seen_standing_stays_armed_and_is_not_fed() -> None:
     guard(rig, drive)
     drive.sim._commands[0xF7] = lambda value, now: None
     ended: list[list[Halted]] = []
-    rig.owner.start(release(rig.owner, [drive.attached], {}), ended.append)
+    rig.owner.start(release(rig.owner, [drive.attached]), ended.append)
     rig.run(1.0, lambda: bool(ended))
     assert not ended[0][0].standing
     assert drive.sim.watchdog_ms == 500

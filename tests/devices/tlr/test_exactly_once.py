@@ -274,8 +274,9 @@ async def test_an_answer_lost_while_the_target_was_written_does_not_look_like_a_
 # The drive falls silent
 
 
+@pytest.mark.parametrize("restarts", [False, True])
 @virtual
-async def test_a_drive_that_falls_silent_is_stopped_and_moves_only_after_enable() -> None:
+async def test_a_drive_that_falls_silent_is_stopped_and_moves_only_after_enable(restarts: bool) -> None:
     sim = SimTlr()
     async with stepper_on(sim, config=BusConfig(reply_timeout=0.02)) as x:
         x.enable()
@@ -289,10 +290,13 @@ async def test_a_drive_that_falls_silent_is_stopped_and_moves_only_after_enable(
         assert not sim.moving(now())
         with pytest.raises(RearmRequired):
             await x.move_to(0.0)
+        if restarts:
+            sim.power_cycle(now())
         await x.enable()
-        with pytest.raises(ReferenceLost):
-            await x.move_to(0.0)
-        await x.home(HERE)
+        if restarts:
+            with pytest.raises(ReferenceLost):
+                await x.move_to(0.0)
+            await x.home(HERE)
         assert await x.move_to(1.0) == 1.0
 
 
@@ -373,7 +377,5 @@ async def test_a_stop_that_cannot_be_confirmed_says_so() -> None:
         del sim._control  # the real one again
         await asyncio.sleep(5.0)
         assert not sim.moving(now())
-        with pytest.raises(MoveCancelled, match="was not seen standing before it"):
-            await x.move_to(1.0)
         with pytest.raises(RearmRequired):
             await x.move_to(1.0)

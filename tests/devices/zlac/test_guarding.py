@@ -146,6 +146,7 @@ async def test_a_move_under_way_when_the_port_is_lost_says_so() -> None:
         p.line.unplug()
         with pytest.raises(NotSent, match="port was lost"):
             await move
+        p.line.plug()
 
 
 @on_virtual_clock

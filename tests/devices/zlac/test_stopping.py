@@ -423,7 +423,7 @@ async def test_a_drive_that_falls_silent_while_it_runs_is_stopped_as_soon_as_it_
         await asyncio.sleep(1.0)
         assert p.rpm()[0] > 40
         p.sim.dead = True
-        await asyncio.sleep(2.0)
+        await asyncio.sleep(3.0)
         assert run.done()
         p.sim.dead = False
         await asyncio.sleep(1.5)

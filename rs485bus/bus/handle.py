@@ -8,6 +8,8 @@ from typing import Any, Generic, TypeVar
 
 import anyio
 
+from rs485bus.bus.interrupts import interrupts_put_off
+
 T = TypeVar("T")
 
 
@@ -101,9 +103,12 @@ def settle(future: asyncio.Future[T], result: T) -> None:
 
 
 async def outlast(future: asyncio.Future[Any]) -> asyncio.CancelledError | None:
-    """Wait until a future is done, however often the caller is cancelled. Returns the cancellation to raise then."""
+    """Wait until a future is done, however often the caller is cancelled. Returns the cancellation to raise then.
+
+    Ctrl-C is put off, too.
+    """
     cancelled = None
-    with anyio.CancelScope(shield=True):
+    with interrupts_put_off(), anyio.CancelScope(shield=True):
         while not future.done():
             try:
                 await asyncio.wait([future])

@@ -59,6 +59,10 @@ class WatchdogInfeasible(BusError):
         self.numbers = dict(numbers)
 
 
+class WatchdogInUse(BusError):
+    """A device is guarded by a watchdog block already."""
+
+
 class WrongThread(BusError, RuntimeError):
     """The bus was called from another thread than the one its event loop runs in."""
 

@@ -365,6 +365,41 @@ DEFENCES = [
         "while now < until:",
         "tests/bus/test_stops.py",
     ),
+    Defence(
+        "a second Ctrl-C in the middle of what stops the motors",
+        "bus/interrupts.py",
+        "signal.signal(signal.SIGINT, self._note)",
+        "pass",
+        "tests/real/test_interrupts_in_real_time.py",
+    ),
+    Defence(
+        "a watchdog left on after a trip",
+        "bus/guarding.py",
+        "return station.rearm is not None or owner.feeding.get(station.address) is not None",
+        "return owner.feeding.get(station.address) is not None",
+        "tests/bus/test_feeding.py",
+    ),
+    Defence(
+        "a watchdog left on that did not say that it was armed",
+        "bus/guarding.py",
+        "            station.rearm = timeout  # from now on it may be armed, whatever it answers\n",
+        "",
+        "tests/bus/test_feeding.py",
+    ),
+    Defence(
+        "two sets of watchdogs admitted, each as if it were alone",
+        "bus/guarding.py",
+        "owner.feeding.with_planned() | planned",
+        "{watch.address: watch for watch in owner.feeding.all()} | planned",
+        "tests/bus/test_feeding.py",
+    ),
+    Defence(
+        "an inner watchdog block that disarms the device of an outer one",
+        "bus/watch.py",
+        "if owner.stations[device.address].guarded:",
+        "if False:",
+        "tests/shell/test_endings.py",
+    ),
 ]
 
 

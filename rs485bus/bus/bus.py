@@ -88,9 +88,11 @@ class Bus:
             lease: seconds within which `renew()` must be called each time, lest the axes are stopped.
 
         Returns:
-            An async context manager. Entering it raises `WatchdogInfeasible` if the devices cannot be fed in time.
+            An async context manager. Entering it raises `WatchdogInfeasible` if the devices cannot be fed in time,
+            and `WatchdogInUse` if another block guards one of them.
 
         Raises:
+            ValueError: no axis was named.
             NotSupported: a drive has no watchdog.
             LimitExceeded: its register cannot hold the time.
         """

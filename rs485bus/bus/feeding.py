@@ -50,10 +50,11 @@ class Watch:
 class Feeding:
     """The armed watchdogs of one bus."""
 
-    __slots__ = ("_over_at", "_watches", "look_at", "slack")
+    __slots__ = ("_over_at", "_planned", "_watches", "look_at", "slack")
 
     def __init__(self) -> None:
         self._watches: dict[int, Watch] = {}
+        self._planned: dict[int, Watch] = {}
         self.look_at = float("inf")
         """When to ask for `due` again. Hearing a device only ever puts that off, so it is not kept exact."""
         self._over_at = float("inf")
@@ -66,18 +67,30 @@ class Feeding:
     def all(self) -> list[Watch]:
         return list(self._watches.values())
 
+    def with_planned(self) -> dict[int, Watch]:
+        """What is armed, and what is about to be, by address."""
+        return {**self._watches, **self._planned}
+
     @property
     def armed(self) -> bool:
         """Whether any watchdog is."""
         return bool(self._watches)
 
+    def plan(self, watches: Iterable[Watch], slack: float) -> None:
+        """They are about to be armed: nothing may take the wire for longer than `slack` from now on."""
+        self._planned.update((watch.address, watch) for watch in watches)
+        self.slack = slack
+
     def arm(self, watch: Watch) -> None:
+        self._planned.pop(watch.address, None)
         self._watches[watch.address] = watch
         self.look_at = self._over_at = _SOON
 
     def disarm(self, address: int) -> None:
+        """It is not armed any more, or will not be."""
         self._watches.pop(address, None)
-        if not self._watches:
+        self._planned.pop(address, None)
+        if not self._watches and not self._planned:
             self.slack = float("inf")
 
     def heard(self, address: int, since: float) -> None:

@@ -65,18 +65,20 @@ def check_watchdog(attached: Attached, timeout: float) -> int:
 
 
 def admit_watchdogs(owner: Owner, devices: Iterable[Attached], timeout: float) -> None:
-    """Refuse to arm what cannot be fed in time. Raises `WatchdogInfeasible` with the numbers."""
+    """Refuse to arm what cannot be fed in time. Raises `WatchdogInfeasible` with the numbers.
+
+    What is admitted is to be armed at once: it counts from now on.
+    """
     line, config = owner.pair.line, owner.config
-    watches = {watch.address: watch for watch in owner.feeding.all()}
-    for device in devices:
-        watches[device.address] = _watch(line, device, timeout, owner.now)
+    planned = {device.address: _watch(line, device, timeout, owner.now) for device in devices}
+    watches = owner.feeding.with_planned() | planned
     attempts = [
         line.budget(len(request.adu), station.reply_timeout, request.length)
         for station in owner.stations
         if station.attached is not None
         for request in station.attached.reads()[:1]
     ]
-    owner.feeding.slack = admit(watches.values(), attempts, config.turnaround)
+    owner.feeding.plan(planned.values(), admit(watches.values(), attempts, config.turnaround))
 
 
 def arm(owner: Owner, devices: Sequence[Attached], timeout: float) -> Procedure[list[Job]]:
@@ -95,8 +97,10 @@ def arm(owner: Owner, devices: Sequence[Attached], timeout: float) -> Procedure[
         if job is not None and job.outcome is Outcome.REPLY and station.former is None:
             station.former = watchdog.decode(job.reply)
         if job is None or (job.outcome is Outcome.REPLY and watchdog.decode(job.reply) != milliseconds):
+            station.rearm = timeout  # from now on it may be armed, whatever it answers
             job = yield from _set(watchdog, milliseconds)
         if job.outcome is not Outcome.REPLY:
+            owner.feeding.disarm(device.address)
             failed.append(job)
             continue
         watch = _watch(owner.pair.line, device, timeout, job.sent_at)
@@ -135,7 +139,8 @@ def release(owner: Owner, devices: Sequence[Attached]) -> Procedure[list[Halted]
     """Stop some devices, see each stand, and restore their watchdogs to what they were.
 
     All are stopped before the first is confirmed. What is not seen standing stays armed, and is not fed any more. A
-    watchdog that was on before it was armed is on again, and goes on being fed. Returns how each ended up.
+    watchdog that was on before it was armed is on again, and goes on being fed; one that was never armed is left as it
+    is. Returns how each ended up.
     """
     halts = [owner.halt(owner.stations[device.address], device.motion, emergency=False) for device in devices]
     halted: list[Halted] = []
@@ -143,22 +148,33 @@ def release(owner: Owner, devices: Sequence[Attached]) -> Procedure[list[Halted]
         station = owner.stations[device.address]
         ended: Halted = yield halt
         halted.append(ended)
-        station.rearm = None
         if not ended.standing:
             owner.muzzle(station)
-        elif device.watchdog is not None and (watch := owner.feeding.get(device.address)) is not None:
-            former = device.watchdog.off if station.former is None else station.former
-            if former == round(watch.timeout * 1000):
-                continue
-            job = yield from _set(device.watchdog, former)
-            if job.outcome is not Outcome.REPLY:
-                owner.feeding.mute(device.address)
-            elif former == device.watchdog.off:
-                owner.feeding.disarm(device.address)
-                station.former = None
-            else:
-                owner.feeding.arm(_watch(owner.pair.line, device, former / 1000, job.sent_at))
+        elif device.watchdog is not None and _may_be_armed(owner, station):
+            yield from _restore(owner, station, device, device.watchdog)
     return halted
+
+
+def _may_be_armed(owner: Owner, station: Station) -> bool:
+    """Whether its watchdog was armed here and not restored since; perhaps it tripped, and is not fed any more."""
+    return station.rearm is not None or owner.feeding.get(station.address) is not None
+
+
+def _restore(owner: Owner, station: Station, device: Attached, watchdog: Watchdog) -> Procedure[None]:
+    """Set the watchdog of a standing device to what it was before it was armed."""
+    former = watchdog.off if station.former is None else station.former
+    watch = owner.feeding.get(device.address)
+    if watch is None or former != round(watch.timeout * 1000):
+        job = yield from _set(watchdog, former)
+        if job.outcome is not Outcome.REPLY:
+            owner.feeding.mute(device.address)
+            return
+        if former == watchdog.off:
+            owner.feeding.disarm(device.address)
+            station.former = None
+        else:
+            owner.feeding.arm(_watch(owner.pair.line, device, former / 1000, job.sent_at))
+    station.rearm = None
 
 
 class Lease:
@@ -221,7 +237,7 @@ def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
     devices = []
     for station in owner.stations:
         device = station.attached
-        armed = owner.feeding.get(station.address) is not None
+        armed = _may_be_armed(owner, station)
         if device is None or not (armed or device.motion.may_move):
             continue
         if not leave_running:

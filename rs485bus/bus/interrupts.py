@@ -15,38 +15,53 @@ from types import FrameType
 from typing import Any
 
 _log = logging.getLogger("rs485bus")
-_guards = 0
-_former: Callable[[int, FrameType | None], Any] | None = None
-_pressed = False
+
+
+class _Interrupts:
+    """Ctrl-C, of this process."""
+
+    def __init__(self) -> None:
+        self._holders = 0
+        self._former: Callable[[int, FrameType | None], Any] | None = None
+        self._pressed = False
+
+    def hold(self) -> None:
+        """Only note it from now on."""
+        self._holders += 1
+        if self._holders == 1:
+            handler = signal.getsignal(signal.SIGINT)
+            self._former = handler if callable(handler) else None
+            if self._former is not None:
+                signal.signal(signal.SIGINT, self._note)
+
+    def let_go(self) -> None:
+        """If nobody holds it any more, it takes effect: now, if it was pressed."""
+        self._holders -= 1
+        if self._holders or self._former is None:
+            return
+        former, pressed, self._former, self._pressed = self._former, self._pressed, None, False
+        if signal.getsignal(signal.SIGINT) == self._note:
+            signal.signal(signal.SIGINT, former)
+        if pressed:
+            former(signal.SIGINT, None)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if not self._pressed:
+            _log.warning("Ctrl-C takes effect when the motors stand")
+        self._pressed = True
+
+
+_interrupts = _Interrupts()
 
 
 @contextmanager
 def interrupts_put_off() -> Iterator[None]:
     """While this holds, Ctrl-C is only noted; it takes effect when the last of those who hold this lets go."""
-    global _guards, _former, _pressed
     if threading.current_thread() is not threading.main_thread():
         yield  # signals go to the main thread
         return
-    _guards += 1
-    if _guards == 1:
-        handler = signal.getsignal(signal.SIGINT)
-        _former = handler if callable(handler) else None
-        if _former is not None:
-            signal.signal(signal.SIGINT, _note)
+    _interrupts.hold()
     try:
         yield
     finally:
-        _guards -= 1
-        if _guards == 0 and _former is not None:
-            former, pressed, _former, _pressed = _former, _pressed, None, False
-            if signal.getsignal(signal.SIGINT) is _note:
-                signal.signal(signal.SIGINT, former)
-            if pressed:
-                former(signal.SIGINT, None)
-
-
-def _note(number: int, frame: FrameType | None) -> None:
-    global _pressed
-    if not _pressed:
-        _log.warning("Ctrl-C: the motors are being stopped; it takes effect when they stand")
-    _pressed = True
+        _interrupts.let_go()

@@ -20,6 +20,7 @@ class Station:
         "address",
         "attached",
         "former",
+        "guarded",
         "halt",
         "lapsed",
         "last_read",
@@ -53,6 +54,8 @@ class Station:
         """Its lease was not renewed, nor has it been since."""
         self.rearm: float | None = None
         """The watchdog time, in seconds, to arm it with when it is."""
+        self.guarded = False
+        """A watchdog block holds it."""
         self.former: int | None = None
         """What its watchdog was set to before it was armed here, in ms, if that could be read."""
 

@@ -14,7 +14,7 @@ from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, r
 from rs485bus.bus.handle import outlast, settle
 from rs485bus.bus.shell import Shell
 from rs485bus.bus.stopping import Halted
-from rs485bus.errors import StopUnconfirmed
+from rs485bus.errors import StopUnconfirmed, WatchdogInUse
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +49,8 @@ class Watchdog:
     ) -> None:
         self._bus = bus
         self._devices = list({device.address: device for device in devices}.values())
+        if not self._devices:
+            raise ValueError("watchdog() guards nothing: name the axes that it is to guard")
         self._drains = drains
         self.timeout = timeout
         for device in self._devices:
@@ -59,7 +61,14 @@ class Watchdog:
 
     async def __aenter__(self) -> Watchdog:
         bus, owner = self._bus, self._bus.owner
+        for device in self._devices:
+            if owner.stations[device.address].guarded:
+                raise WatchdogInUse(
+                    f"{device.family} {device.address} is guarded by another watchdog block. One block per device: "
+                    "name all axes in one bus.watchdog(...)."
+                )
         admit_watchdogs(owner, self._devices, self.timeout)
+        self._hold(True)
         armed = asyncio.get_running_loop().create_future()
         bus.start(arm(owner, self._devices, self.timeout), armed.set_result)
         cancelled = await outlast(armed)
@@ -109,6 +118,10 @@ class Watchdog:
                 reports.append(WatchReport(device.address, watch.timeout, watch.feeds, saved, longest))
         return reports
 
+    def _hold(self, guarded: bool) -> None:
+        for device in self._devices:
+            self._bus.owner.stations[device.address].guarded = guarded
+
     def _unconfirmed(self) -> list[Halted]:
         moving = [device for device in self._devices if device.motion.may_move]
         return [Halted(device.address, device.family, standing=False, stops=0) for device in moving]
@@ -118,6 +131,7 @@ class Watchdog:
         bus = self._bus
         if self._lease is not None:
             self._lease.end()
+        self._hold(False)
         if bus.owner.gate.closed:
             return []  # closing the bus has released it
         released = asyncio.get_running_loop().create_future()

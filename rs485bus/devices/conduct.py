@@ -17,7 +17,7 @@ import anyio
 
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.guarding import arm
+from rs485bus.bus.guarding import admit_watchdogs, arm
 from rs485bus.bus.handle import Handle, settle
 from rs485bus.bus.job import Job
 from rs485bus.bus.motion import Motion
@@ -411,6 +411,7 @@ class Conduct(ABC):
         self._commanded, self._seen = 0, look
 
     async def _rearm(self, timeout: float) -> None:
+        admit_watchdogs(self.bus.owner, [self.attached], timeout)
         armed: asyncio.Future[list[Job]] = asyncio.get_running_loop().create_future()
         self.bus.start(arm(self.bus.owner, [self.attached], timeout), lambda failed: settle(armed, failed))
         if await armed:

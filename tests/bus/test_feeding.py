@@ -357,6 +357,41 @@ def test_what_is_not_seen_standing_stays_armed_and_is_not_fed() -> None:
     assert not drive.sim.moving(rig.now)
 
 
+def test_a_tripped_device_is_restored_and_what_was_never_armed_is_not_written() -> None:
+    rig = Rig(config=QUICK)
+    tripped, never = running(rig, 2)
+    guard(rig, tripped)
+    rig.now += 3.0
+    rig.run(0.5)
+    assert rig.owner.feeding.get(1) is None
+    assert tripped.sim.watchdog_ms == 500
+    mark = len(rig.sent)
+    rig.owner.start(release(rig.owner, [tripped.attached, never.attached]), lambda _: None)
+    rig.run(1.0)
+    assert tripped.sim.watchdog_ms == 0
+    writes = [frame for _, frame in rig.sent[mark:] if frame[0] == 2 and frame[3] == r.WATCHDOG.address]
+    assert writes == []
+
+
+def test_what_may_be_armed_though_it_did_not_say_so_is_restored() -> None:
+    rig = Rig(config=QUICK)
+    (drive,) = drives(rig, 1)
+    hear = drive.sim.receive
+
+    def hear_only(frame: bytes, now: float) -> None:
+        hear(frame, now)
+
+    drive.sim.receive = hear_only  # type: ignore[method-assign]
+    failed: list[list[Job]] = []
+    rig.owner.start(arm(rig.owner, [drive.attached], 0.5), failed.append)
+    rig.run(1.0, lambda: bool(failed))
+    assert drive.sim.watchdog_ms == 500
+    drive.sim.receive = hear  # type: ignore[method-assign]
+    rig.owner.start(release(rig.owner, [drive.attached]), lambda _: None)
+    rig.run(1.0)
+    assert drive.sim.watchdog_ms == 0
+
+
 # Lease
 
 
@@ -413,3 +448,24 @@ def test_arming_says_what_failed() -> None:
     rig.run(1.0)
     assert [job.address for job in failed[0]] == [2]
     assert [armed.address for armed in rig.owner.feeding.all()] == [1]
+
+
+def test_what_could_not_be_armed_limits_nothing_any_more() -> None:
+    rig = Rig(SimUnit(9, BANK), config=QUICK)
+    (drive,) = drives(rig, 1)
+    drive.sim.receive = lambda frame, now: None  # type: ignore[method-assign]
+    admit_watchdogs(rig.owner, [drive.attached], 0.5)
+    slow = rig.submit(read_holding(9, 0, 1), reply_timeout=2.5)
+    assert slow.reason is Reason.TOO_LONG
+    failed: list[list[Job]] = []
+    rig.owner.start(arm(rig.owner, [drive.attached], 0.5), failed.append)
+    rig.run(1.0, lambda: bool(failed))
+    assert rig.submit(read_holding(9, 0, 1), reply_timeout=2.5).outcome is None
+
+
+def test_what_is_about_to_be_armed_counts() -> None:
+    rig = Rig(line=LineSettings(baudrate=9600))
+    made = drives(rig, 31)
+    admit_watchdogs(rig.owner, [drive.attached for drive in made[:30]], 2.0)
+    with pytest.raises(WatchdogInfeasible, match="31 watchdogs"):
+        admit_watchdogs(rig.owner, [made[30].attached], 0.6)

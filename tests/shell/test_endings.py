@@ -8,7 +8,7 @@ import anyio
 import pytest
 
 from rs485bus import Bus, BusConfig, MksServo, open_bus
-from rs485bus.errors import MotionError, MoveFailed
+from rs485bus.errors import MotionError, MoveFailed, WatchdogInUse
 from rs485bus.sim import VirtualClockLoop
 from tests.shell.support import Plant, bus_on, plant, virtual
 
@@ -222,6 +222,44 @@ async def test_cancelled_in_the_middle_of_arming() -> None:
     with pytest.raises(asyncio.CancelledError):
         await task
     done(made)
+
+
+@virtual
+async def test_a_drive_that_tripped_has_its_watchdog_off_after_the_block() -> None:
+    made = plant(2)
+    loop = asyncio.get_running_loop()
+    async with bus_on(made) as (bus, axes):
+        async with bus.watchdog(*axes, timeout=0.5):
+            await axes[0].enable()
+            await axes[0].run(600)
+            loop._jumping.now += 3.0  # type: ignore[attr-defined] # three seconds in which nothing ran
+            await asyncio.sleep(0.5)
+            assert made.sims[0].trips
+        assert made.watchdogs_off()
+        await axes[0].enable()
+        axes[0].run(600)
+        await asyncio.sleep(2.0)
+        assert not made.stands()
+        await axes[0].stop()
+
+
+@virtual
+async def test_a_device_is_guarded_by_one_block_at_a_time() -> None:
+    made = plant(2)
+    async with bus_on(made) as (bus, (x, y)):
+        async with x.watchdog(0.5):
+            with pytest.raises(WatchdogInUse, match="MKS 1 is guarded by another"):
+                async with bus.watchdog(x, y, timeout=1.0):
+                    pass
+            assert made.sims[0].watchdog_ms == 500
+            assert made.sims[1].watchdog_ms == 0
+            async with y.watchdog(1.0):
+                assert made.sims[1].watchdog_ms == 1000
+        async with x.watchdog(0.7):
+            assert made.sims[0].watchdog_ms == 700
+        with pytest.raises(ValueError, match="guards nothing"):
+            bus.watchdog(timeout=1.0)
+    assert made.watchdogs_off()
 
 
 @virtual

@@ -28,6 +28,7 @@ _console = Console(highlight=False)
 _errors = Console(stderr=True, highlight=False)
 
 _INTERRUPTED = 130
+_USUAL = [1, 2, 3]
 
 Port = Annotated[
     Optional[str],  # noqa: UP045 - typer reads it
@@ -62,7 +63,8 @@ def demo(
     mks: Mks = None,
 ) -> None:
     """Home some drives, move them, watch them, stop: on a virtual plant, or on real drives."""
-    addresses = _addresses(mks)
+    addresses = mks or _USUAL
+    _check_once(addresses)
     _run(lambda: run_demo(port, baudrate, addresses, _console))
 
 
@@ -70,14 +72,25 @@ def demo(
 def sim(
     baudrate: Baudrate = 38400,
     mks: Mks = None,
+    zlac: Annotated[
+        Optional[list[int]],  # noqa: UP045 - typer reads it
+        typer.Option("--zlac", min=1, max=127, help="The address of a ZLAC8015D; once for each."),
+    ] = None,
+    tlr: Annotated[
+        Optional[list[int]],  # noqa: UP045 - typer reads it
+        typer.Option("--tlr", min=1, max=247, help="The station of a TL-R stepper; once for each."),
+    ] = None,
     link: Annotated[
         Optional[str],  # noqa: UP045 - typer reads it
         typer.Option(help="Make a symbolic link to the pseudo-terminal here."),
     ] = None,
 ) -> None:
     """Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted."""
-    addresses = _addresses(mks)
-    _run(lambda: serve(baudrate, addresses, link, _console))
+    if not (zlac or tlr):
+        mks = mks or _USUAL
+    drives = {"MKS": mks or [], "ZLAC": zlac or [], "TL-R": tlr or []}
+    _check_once([address for addresses in drives.values() for address in addresses])
+    _run(lambda: serve(baudrate, drives, link, _console))
 
 
 @app.command("verify-watchdog")
@@ -95,12 +108,10 @@ def verify_watchdog(
     _run(lambda: verify(port, baudrate, mks, timeout, _console))
 
 
-def _addresses(mks: list[int] | None) -> list[int]:
-    addresses = mks or [1, 2, 3]
+def _check_once(addresses: list[int]) -> None:
     if len(set(addresses)) < len(addresses):
         _errors.print(f"[red]An address is given twice: {', '.join(map(str, addresses))}.[/red]")
         raise typer.Exit(2)
-    return addresses
 
 
 def _run(make: Callable[[], Coroutine[Any, Any, int]]) -> None:

@@ -8,19 +8,22 @@ import os
 from rich.console import Console
 
 from rs485bus.errors import NotSupported
-from rs485bus.sim import SimMks, VirtualLine
+from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
+
+FAMILIES = {"MKS": SimMks, "ZLAC": SimZlac, "TL-R": SimTlr}
 
 
-async def serve(baudrate: int, addresses: list[int], link: str | None, console: Console) -> int:
-    """Serve until cancelled."""
+async def serve(baudrate: int, drives: dict[str, list[int]], link: str | None, console: Console) -> int:
+    """Serve drives, given as addresses by the names in `FAMILIES`, until cancelled."""
     if os.name != "posix":
         raise NotSupported("A pseudo-terminal needs Linux or macOS. On Windows use a null-modem driver, or WSL.")
-    line = VirtualLine(*(SimMks(address) for address in addresses), baudrate=baudrate)
+    devices = [FAMILIES[family](address) for family, addresses in drives.items() for address in addresses]
+    line = VirtualLine(*devices, baudrate=baudrate)
     async with await line.serve_pty(link) as port:
         # The path alone on the first line, for scripts.
         print(port.path, flush=True)
-        drives = ", ".join(map(str, addresses))
-        console.print(f"MKS {drives} at {baudrate} bit/s, 8N1. Interrupt with Ctrl-C.")
+        said = ", ".join(f"{family} {', '.join(map(str, some))}" for family, some in drives.items() if some)
+        console.print(f"{said} at {baudrate} bit/s, 8N1. Interrupt with Ctrl-C.")
         try:
             await asyncio.get_running_loop().create_future()
         finally:

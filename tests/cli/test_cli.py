@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from rs485bus import open_bus
 from rs485bus.sim import Machine, SimMks, VirtualLine
 from tests.real.support import in_real_time, posix, running
 
@@ -75,7 +76,8 @@ def test_verify_watchdog_says_what_feeds_a_drive() -> None:
 def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_path: Path) -> None:
     async def main() -> None:
         link = tmp_path / "port"
-        arguments = ("sim", "--mks", "4", "--baudrate", "115200", "--link", str(link))
+        drives = ("--mks", "4", "--zlac", "5", "--tlr", "6")
+        arguments = ("sim", *drives, "--baudrate", "115200", "--link", str(link))
         async with running(*COMMAND, *arguments) as process:
             assert process.stdout is not None
             path = (await asyncio.wait_for(process.stdout.readline(), 20)).decode().strip()
@@ -84,8 +86,12 @@ def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_p
             assert demo.returncode == 0, demo.stdout + demo.stderr
             assert "will home and turn some turns. Ctrl-C stops them" in demo.stdout
             assert "every axis stands, every watchdog is off" in demo.stdout
+            async with open_bus(path, baudrate=115200) as bus:
+                assert await bus.unit(5).read_holding_registers(0x2001) == [5]
+                assert await bus.unit(6).read_holding_registers(0x23) == [4000]
             process.send_signal(signal.SIGINT)
             output, _ = await asyncio.wait_for(process.communicate(), 10)
+        assert b"MKS 4, ZLAC 5, TL-R 6 at 115200 bit/s" in output
         assert b"0 of them before t3.5" in output
         assert process.returncode == 130
 

@@ -16,6 +16,7 @@ from rs485bus.cli.demo import run_demo
 from rs485bus.cli.serve import serve
 from rs485bus.cli.verify import question, verify
 from rs485bus.errors import BusError
+from rs485bus.sim import VirtualClockLoop
 
 app = typer.Typer(
     name="rs485bus",
@@ -105,7 +106,7 @@ def verify_watchdog(
     if not yes and not typer.confirm(question(port, mks, timeout)):
         _console.print("Nothing was moved.")
         raise typer.Exit(1)
-    _run(lambda: verify(port, baudrate, mks, timeout, _console))
+    _run(lambda: verify(port, baudrate, mks, timeout, _console), virtual=port is None)
 
 
 def _check_once(addresses: list[int]) -> None:
@@ -114,10 +115,11 @@ def _check_once(addresses: list[int]) -> None:
         raise typer.Exit(2)
 
 
-def _run(make: Callable[[], Coroutine[Any, Any, int]]) -> None:
-    """Run a coroutine to its exit code; say what went wrong in words."""
+def _run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> None:
+    """Run a coroutine to its exit code, perhaps in virtual time; say what went wrong in words."""
     try:
-        code = asyncio.run(make())
+        with asyncio.Runner(loop_factory=VirtualClockLoop if virtual else None) as runner:
+            code = runner.run(make())
     except KeyboardInterrupt:
         raise typer.Exit(_INTERRUPTED) from None
     except (BusError, ValueError, ExceptionGroup) as error:

@@ -18,6 +18,8 @@ from rs485bus.errors import LimitExceeded, NotSupported
 from rs485bus.wire.frames import Request
 from rs485bus.wire.timing import LineSettings
 
+_RETRIES = 3
+"""How often setting a watchdog is repeated: one that stays on though it should be off trips in the next program."""
 _USUAL_TURNAROUND = 0.005
 """Seconds that a device usually takes to answer; what it may take is its reply timeout."""
 
@@ -123,7 +125,7 @@ def _look_at(watchdog: Watchdog) -> Procedure[Job | None]:
 
 def _set(watchdog: Watchdog, milliseconds: int) -> Procedure[Job]:
     """Set a watchdog, and read it back where that can be done. Returns the job that tells whether it is set."""
-    write = Job(watchdog.write(milliseconds), internal=True)
+    write = Job(watchdog.write(milliseconds), internal=True, retries=_RETRIES)
     yield write
     if write.outcome is not Outcome.REPLY:
         return write
@@ -225,6 +227,13 @@ class Lease:
             owner.muzzle(station)
             owner.halt(station, device.motion, emergency=False)
             device.interrupted(0.0, station.locked)
+
+
+def left_armed(owner: Owner, devices: Iterable[Attached]) -> list[Attached]:
+    """Of those that were released, and stand: those whose watchdog may still be armed all the same, and is not fed."""
+    return [
+        device for device in devices if owner.stations[device.address].rearm is not None and not device.motion.may_move
+    ]
 
 
 def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:

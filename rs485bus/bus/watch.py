@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -10,11 +11,13 @@ from typing import Literal
 
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.failure import failure
-from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, release
+from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, left_armed, release
 from rs485bus.bus.handle import outlast, settle
 from rs485bus.bus.shell import Shell
 from rs485bus.bus.stopping import Halted
 from rs485bus.errors import StopUnconfirmed, WatchdogInUse
+
+_log = logging.getLogger("rs485bus")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,4 +144,11 @@ class Watchdog:
         bound.cancel()
         if cancelled is not None:
             raise cancelled
+        for device in left_armed(bus.owner, self._devices):
+            _log.warning(
+                "%s %d: its watchdog could not be set back. It is not fed, and would stop the next move: guard it again, "
+                "or switch the drive off and on",
+                device.family,
+                device.address,
+            )
         return list(released.result())

@@ -9,7 +9,7 @@ import pytest
 
 from rs485bus import Bus, BusConfig, MksServo, open_bus
 from rs485bus.errors import MotionError, MoveFailed, WatchdogInUse
-from rs485bus.sim import VirtualClockLoop
+from rs485bus.sim import SimMks, VirtualClockLoop
 from tests.shell.support import Plant, bus_on, plant, virtual
 
 
@@ -222,6 +222,32 @@ async def test_cancelled_in_the_middle_of_arming() -> None:
     with pytest.raises(asyncio.CancelledError):
         await task
     done(made)
+
+
+@virtual
+async def test_a_watchdog_that_cannot_be_turned_off_is_tried_again_and_warned_about(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    made = plant(2)
+    deaf_for = {1: 3, 2: 100}
+    for sim in made.sims:
+
+        def receive(frame: bytes, now: float, sim: SimMks = sim, hear: Any = sim.receive) -> bytes | None:
+            off = frame[1:4] == b"\x10\x00\x98" and frame[7:11] == bytes(4)
+            if off and deaf_for[sim.address]:
+                deaf_for[sim.address] -= 1
+                return None
+            reply: bytes | None = hear(frame, now)
+            return reply
+
+        sim.receive = receive  # type: ignore[method-assign]
+    async with bus_on(made) as (bus, axes):
+        async with bus.watchdog(*axes, timeout=1.0):
+            await axes[1].enable()
+            await axes[1].move_by(0.1)
+        assert [sim.watchdog_ms for sim in made.sims] == [0, 1000]
+        assert "MKS 2: its watchdog could not be set back" in caplog.text
+        assert "MKS 1" not in caplog.text
 
 
 @virtual

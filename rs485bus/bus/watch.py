@@ -146,8 +146,8 @@ class Watchdog:
             raise cancelled
         for device in left_armed(bus.owner, self._devices):
             _log.warning(
-                "%s %d: its watchdog could not be set back. It is not fed, and would stop the next move: guard it again, "
-                "or switch the drive off and on",
+                "%s %d: its watchdog could not be set back. It is not fed, and would stop the next move: guard it "
+                "again, or switch the drive off and on",
                 device.family,
                 device.address,
             )

@@ -264,7 +264,7 @@ class MksDrive(Axis):
 
     def _ramp(self, acceleration: float) -> tuple[int, float]:
         """The code that comes nearest to an acceleration, and what it makes (7.1)."""
-        if math.isinf(acceleration):
+        if acceleration == math.inf:
             return 0, math.inf
         lowest = _RAMP_UNIT / 255
         if not lowest - 0.5 <= acceleration <= _RAMP_UNIT:
@@ -276,10 +276,9 @@ class MksDrive(Axis):
         return code, _RAMP_UNIT / (256 - code)
 
     def _ticks(self, duration: float) -> int:
-        ticks = round(duration / _TICK)
-        if not 1 <= ticks <= r.MAX_RUN_TIME:
+        if not _TICK / 2 < duration <= r.MAX_RUN_TIME * _TICK:
             raise LimitExceeded(f"{self.name}: duration {duration:g} s is outside 0.01..{r.MAX_RUN_TIME * _TICK:.0f} s")
-        return ticks
+        return round(duration / _TICK)
 
     # What the bus says
 

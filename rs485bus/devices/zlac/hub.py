@@ -295,6 +295,6 @@ class HubMotor(Axis):
         return Pace(real, 1000 * change / ramp if ramp else math.inf, round(real), ramp)
 
     def _ticks(self, duration: float) -> int:
-        if not duration > 0:
-            raise LimitExceeded(f"{self.name}: duration {duration:g} s is not above 0 s")
+        if not 0 < duration < math.inf:
+            raise LimitExceeded(f"{self.name}: duration {duration:g} s is not above 0 s, with an end; None has none")
         return round(duration * 1000)

@@ -159,6 +159,21 @@ async def test_a_restart_in_the_middle_of_a_move_ends_the_trust_in_positions() -
         assert p.sim.moves[0] == 2
 
 
+@pytest.mark.parametrize("who", ["wheel", "pair"])
+@on_virtual_clock
+async def test_a_drive_that_restarts_on_its_way_to_zero_has_not_arrived_there(who: str) -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        await p.base.move_to(10.0, 10.0)
+        move = p.base.move_to(0.0, 0.0) if who == "pair" else p.base.left.move_to(0.0)
+        await asyncio.sleep(8.0)  # more than half of it: not too early to have arrived
+        p.sim.power_cycle(p.now)  # it counts from zero where it stands
+        with pytest.raises(ReferenceLost, match="may have restarted"):
+            await move
+        await p.base.enable()
+        with pytest.raises(ReferenceLost):
+            await p.base.left.move_to(1.0)
+
+
 @on_virtual_clock
 async def test_a_restart_of_a_standing_drive_is_noticed_before_the_next_move() -> None:
     async with plant(WatchedZlac(watchdog=0)) as p:

@@ -452,3 +452,26 @@ async def test_a_wheel_released_by_the_drive_itself_is_not_said_to_have_arrived(
         await asyncio.sleep(1.0)
         with pytest.raises(MotionError, match="not enabled any more"):
             await p.base.left.run(60)
+
+
+@pytest.mark.parametrize("how", ["velocity", "torque", "for a time"])
+@on_virtual_clock
+async def test_a_fault_of_one_wheel_stops_the_other_one_that_keeps_a_speed_though_nobody_looks(how: str) -> None:
+    async with plant(WatchedZlac(watchdog=1000)) as p:
+        if how == "for a time":
+            run = p.base.run(100, 100, duration=60.0)
+            await asyncio.sleep(2.0)
+        else:
+            await under_way(p, how)
+        p.sim.fail(Side.LEFT, Fault.OVER_CURRENT, p.now)
+        await asyncio.sleep(1.0)  # the next feed hears of it
+        assert await p.standing_for(1.0)
+        if how == "for a time":
+            with pytest.raises(DriveFault, match="left over current"):
+                await run
+        with pytest.raises(DriveFault, match="left over current"):
+            await p.base.right.run(10)
+        await p.base.clear_faults()
+        await p.base.enable()
+        assert await p.standing_for(1.0)
+        await p.base.run(10, 10)

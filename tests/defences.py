@@ -10,24 +10,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
+
+from tests.defence import Defence
+from tests.defences_of_drives import DRIVES
 
 ROOT = Path(__file__).parent.parent
 
 
-@dataclass(frozen=True)
-class Defence:
-    """What is defended against, the code that does, what stands there without it, and the test that sees it."""
-
-    against: str
-    file: str
-    code: str
-    without: str
-    test: str
-
-
 DEFENCES = [
+    *DRIVES,
     Defence(
         "a late reply taken for the answer to an equal request",
         "bus/gate.py",

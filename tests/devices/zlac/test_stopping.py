@@ -185,6 +185,15 @@ def check_targets_are_zeroed_before(writes: list[str]) -> None:
 
 
 @on_virtual_clock
+async def test_nothing_older_of_the_other_wheel_follows_a_stop_that_stops_both() -> None:
+    async with plant() as p:
+        epochs = p.base.left.motion.epoch, p.base.right.motion.epoch
+        p.base.attached.stops(p.base.left.motion, True)
+        assert p.base.left.motion.epoch != epochs[0]
+        assert p.base.right.motion.epoch != epochs[1]
+
+
+@on_virtual_clock
 async def test_an_emergency_stop_is_on_the_wire_at_once() -> None:
     async with plant() as p:
         await p.base.run(100, 100)

@@ -7,7 +7,7 @@ import pytest
 
 from rs485bus.devices.mks import registers as r
 from rs485bus.errors import MotionError, OutcomeUnknown, RearmRequired, ReferenceLost
-from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock
+from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock, under_way
 
 
 def sink_and_restart(on: Bench) -> Callable[[float], None]:
@@ -86,6 +86,19 @@ async def test_a_drive_that_restarts_on_its_way_to_a_zero_that_was_set_is_found_
             await move
         with pytest.raises(ReferenceLost):
             await on.axis.move_to(1.0)
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarted_on_its_way_to_zero_is_not_taken_for_one_that_came_there() -> None:
+    sim = FlakyMks()
+    async with bench(sim) as on:
+        await on.axis.home()
+        await on.axis.move_to(50.0, rpm=3000)
+        move = on.axis.move_to(0.0, rpm=300)
+        await under_way(move, 6.0)
+        sim.restart(on.bus.now())  # it counts from zero, where it stands
+        with pytest.raises(ReferenceLost, match="forgotten that it was homed"):
+            await move
 
 
 # Speeds of a motor that turns

@@ -311,7 +311,7 @@ DEFENCES = [
     Defence(
         "a lost start repeated without looking whether it was taken",
         "devices/conduct.py",
-        "                    if await self._took(before, target):\n                        return\n",
+        "                    if await self._took(move, before, target, once):\n                        return\n",
         "                    pass\n",
         "tests/shell/test_exactly_once.py",
     ),
@@ -346,8 +346,8 @@ DEFENCES = [
     Defence(
         "a request made at the end of another, answered by bytes that were there before",
         "bus/bus.py",
-        "self._pumping = True  # who is told",
-        "self._pumping = False  # who is told",
+        "pumping, self._pumping = self._pumping, True",
+        "pumping, self._pumping = self._pumping, False",
         "tests/shell/test_chained.py",
     ),
     Defence(

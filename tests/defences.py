@@ -10,24 +10,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
+
+from tests.defence import Defence
+from tests.defences_of_drives import DRIVES
 
 ROOT = Path(__file__).parent.parent
 
 
-@dataclass(frozen=True)
-class Defence:
-    """What is defended against, the code that does, what stands there without it, and the test that sees it."""
-
-    against: str
-    file: str
-    code: str
-    without: str
-    test: str
-
-
 DEFENCES = [
+    *DRIVES,
     Defence(
         "a late reply taken for the answer to an equal request",
         "bus/gate.py",
@@ -319,7 +311,7 @@ DEFENCES = [
     Defence(
         "a lost start repeated without looking whether it was taken",
         "devices/conduct.py",
-        "                    if await self._took(before, target):\n                        return\n",
+        "                    if await self._took(move, before, target, once):\n                        return\n",
         "                    pass\n",
         "tests/shell/test_exactly_once.py",
     ),
@@ -354,8 +346,8 @@ DEFENCES = [
     Defence(
         "a request made at the end of another, answered by bytes that were there before",
         "bus/bus.py",
-        "self._pumping = True  # who is told",
-        "self._pumping = False  # who is told",
+        "pumping, self._pumping = self._pumping, True",
+        "pumping, self._pumping = self._pumping, False",
         "tests/shell/test_chained.py",
     ),
     Defence(

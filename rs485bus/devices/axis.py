@@ -6,6 +6,7 @@ the queue and is carried out by the owner, whatever becomes of who asked for it.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
@@ -110,6 +111,7 @@ class Axis(Conduct):
         as for `move_to`.
         """
         pace = self._pace(rpm, acceleration)
+        self._to_counts(distance)
         if self._planned is not None:
             self._target(self._planned + distance, self._reach)
         move = self._new_move(f"move by {distance:g}", None)
@@ -215,6 +217,9 @@ class Axis(Conduct):
         return -1 if self.reverse else 1
 
     def _to_counts(self, units: float) -> int:
+        """Counts of the drive. Raises `LimitExceeded` for what is no number, or has no end."""
+        if not math.isfinite(units):
+            raise LimitExceeded(f"{self.name}: {units:g} is no position and no distance; those are finite numbers.")
         return self._sign * round(units / self.units_per_turn * self.counts_per_turn)
 
     def _to_units(self, counts: int) -> float:
@@ -230,9 +235,8 @@ class Axis(Conduct):
     def _target(self, position: float, reach: tuple[int, int] | None = None) -> int:
         """A position in counts. Raises `LimitExceeded` where the limits or the drive's register do not allow it."""
         self._check_limits(position)
-        counts = self._to_counts(position)
         lowest, highest = self.target_range if reach is None else reach
-        if not lowest <= counts <= highest:
+        if not math.isfinite(position) or not lowest <= (counts := self._to_counts(position)) <= highest:
             ends = sorted((self._to_units(lowest), self._to_units(highest)))
             raise LimitExceeded(
                 f"{self.name}: position {position:.10g} is outside {ends[0]:.10g}..{ends[1]:.10g}, which is what the "

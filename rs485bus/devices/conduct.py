@@ -298,16 +298,7 @@ class Conduct(ABC):
 
     async def _took(self, move: Move, before: Look, target: int | None, once: bool) -> bool:
         """Whether a start was taken whose answer was lost: it moves, or is there already."""
-        assert move.started_at is not None
-        await self._grace()
-        while True:
-            try:
-                look = await self._look()
-                break
-            except NoReply:
-                # A drive that restarts is away for a moment; what it says then tells that it did.
-                if self.bus.now() > move.started_at + _PATIENCE:
-                    raise
+        look = await self._look_after(move)
         if look.moving:
             return True
         if target is not None and self._near(look.position, target):
@@ -317,6 +308,18 @@ class Conduct(ABC):
             return True
         self._check_reference(look, before)
         return False
+
+    async def _look_after(self, move: Move) -> Look:
+        """How it is once what was sent last can have set it in motion."""
+        assert move.started_at is not None
+        await self._grace()
+        while True:
+            try:
+                return await self._look()
+            except NoReply:
+                # A drive that restarts is away for a moment; what it says then tells that it did.
+                if self.bus.now() > move.started_at + _PATIENCE:
+                    raise
 
     async def _grace(self) -> None:
         """Wait until what was sent last has set the motor in motion, if it does."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
 import anyio
@@ -18,6 +19,7 @@ from rs485bus.devices.mks.alarms import hints
 from rs485bus.devices.mks.attached import FAMILY, MksAttached
 from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.devices.mks.values import Homed, Model, MotionDirection, Status, WorkMode
+from rs485bus.devices.move import Move
 from rs485bus.errors import (
     DeviceRefused,
     LimitExceeded,
@@ -27,6 +29,7 @@ from rs485bus.errors import (
     NotEnabled,
     NotStanding,
     NotSupported,
+    OutcomeUnknown,
     ReferenceLost,
 )
 from rs485bus.wire.frames import Request, payload
@@ -43,6 +46,8 @@ _SLOWEST_SETTING = 2.5
 """Seconds that 0x9A may take to answer; 5.6 logs 1.6."""
 _NO_SPEED_FOR = 0.01
 _SAME = 2
+_SAME_RPM, _SAME_SPEED = 2.0, 0.03
+"""By how much a speed may differ from one that is to be the same: in rpm, or as a part of it."""
 
 
 class MksDrive(Axis):
@@ -75,6 +80,8 @@ class MksDrive(Axis):
         self._stuck: Look | None = None
         self._homed: tuple[Homed, Homed] | None = None
         """The homing status with which its zero was found, if it was."""
+        self._told_rpm: float | None = None
+        """The speed of the last run that was not for a time, in the drive's direction."""
         super().__init__(
             bus,
             self._drive,
@@ -163,12 +170,27 @@ class MksDrive(Axis):
         slow = request.register == r.SINGLE_TURN.address
         await self.bus.ask(request, reply_timeout=_SLOWEST_SETTING if slow else None)
 
-    async def _check_zero(self) -> None:
+    async def _check_zero(self, look: Look) -> None:
         """Where it stands at zero, notice that this is but the zero of a drive that has restarted."""
-        if self._homed is not None and await self._read_homed() != self._homed:
-            self._lost = "its drive has forgotten that it was homed: it has restarted."
-            self._forget()
+        if await self._has_forgotten_zero(look):
             raise ReferenceLost(f"{self.name}: {self._lost} home() it.")
+
+    async def _has_forgotten_zero(self, look: Look) -> bool:
+        # Anywhere else its position shows a restart.
+        if self._homed is None or not self._near(look.position, 0) or await self._read_homed() == self._homed:
+            return False
+        self._lost = "its drive has forgotten that it was homed: it has restarted."
+        self._forget()
+        return True
+
+    async def _check_came_to_zero(self, look: Look) -> None:
+        """The same for a move that has ended there: a drive that restarts on its way counts from zero, too."""
+        if self._near(look.position, 0) and not await self._read(r.ENABLED):
+            self._enabled = False
+            self._lost = "it is not enabled any more at the end of a move to zero: the drive may have restarted."
+            self._forget()
+            raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
+        await self._check_zero(look)
 
     async def _must_stand(self, what: str) -> None:
         """Raise `NotStanding` where the motor turns. A status that is stuck needs a second look."""
@@ -188,7 +210,42 @@ class MksDrive(Axis):
 
     async def _prepare(self, *, standing: bool = True) -> Look:
         self._check_mode()
-        return await super()._prepare(standing=standing)
+        seen = self._seen
+        look = await super()._prepare(standing=standing)
+        if standing and look is not seen:
+            await self._check_zero(look)
+        return look
+
+    async def _begin(
+        self,
+        move: Move,
+        before: Look,
+        target: int | None,
+        send: Callable[[], Awaitable[None]],
+        *,
+        once: bool = False,
+    ) -> None:
+        try:
+            await super()._begin(move, before, target, send, once=once)
+        except OutcomeUnknown as unknown:
+            if before.moving and not self._blocked:
+                await self._block(f"nobody knows which speed it has ({unknown})")
+            raise
+
+    async def _took(self, move: Move, before: Look, target: int | None, once: bool) -> bool:
+        told = self._told_rpm
+        if (
+            target is None
+            and before.moving
+            and told is not None
+            and ((await self._look_after(move)).moving or not told)
+        ):
+            # It turned before. One that has turned all the time has not restarted, and a speed may be said twice.
+            return abs(await self._read_velocity() - told) <= max(_SAME_RPM, _SAME_SPEED * abs(told))
+        took = await super()._took(move, before, target, once)
+        if not took and target is not None:
+            await self._check_zero(before)
+        return took
 
     async def _carry_out_enable(self) -> None:
         self._check_mode()
@@ -196,6 +253,8 @@ class MksDrive(Axis):
             await super()._carry_out_enable()
         except (NotEnabled, DeviceRefused) as error:
             raise NotEnabled(f"{error} {hints(alarms.KEEP_IT_OFF)}") from error
+        if self._seen is not None:
+            await self._has_forgotten_zero(self._seen)
 
     async def _send(self, block: Block, *values: Any) -> None:
         await self.bus.ask(
@@ -207,6 +266,7 @@ class MksDrive(Axis):
         await self._send(r.MOVE_TO_COUNTS, pace.ramp_code, self._speed_code(pace), target)
 
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
+        self._told_rpm = rpm if ticks is None else None
         start = (self._direction(rpm), pace.ramp_code, self._speed_code(pace))
         stop = (MotionDirection.CCW, pace.ramp_code, 0)
         self._plan_stop(r.RUN, stop, pace)
@@ -224,6 +284,8 @@ class MksDrive(Axis):
     async def _send_zero(self) -> None:
         # Setting the zero of a standing motor twice is setting it once.
         await self.bus.ask(write(self.address, r.SET_ZERO, 1))
+        homed = await self._read_homed()
+        self._homed = homed if Homed.DONE in homed else None
 
     def _plan_stop(self, block: Block, stop: tuple[Any, ...], pace: Pace) -> None:
         """The stop that belongs to a move (8.2, 9.4.2): each kind of move has its own."""
@@ -264,7 +326,7 @@ class MksDrive(Axis):
 
     def _ramp(self, acceleration: float) -> tuple[int, float]:
         """The code that comes nearest to an acceleration, and what it makes (7.1)."""
-        if math.isinf(acceleration):
+        if acceleration == math.inf:
             return 0, math.inf
         lowest = _RAMP_UNIT / 255
         if not lowest - 0.5 <= acceleration <= _RAMP_UNIT:
@@ -276,10 +338,9 @@ class MksDrive(Axis):
         return code, _RAMP_UNIT / (256 - code)
 
     def _ticks(self, duration: float) -> int:
-        ticks = round(duration / _TICK)
-        if not 1 <= ticks <= r.MAX_RUN_TIME:
+        if not _TICK / 2 < duration <= r.MAX_RUN_TIME * _TICK:
             raise LimitExceeded(f"{self.name}: duration {duration:g} s is outside 0.01..{r.MAX_RUN_TIME * _TICK:.0f} s")
-        return ticks
+        return round(duration / _TICK)
 
     # What the bus says
 

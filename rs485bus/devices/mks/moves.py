@@ -121,8 +121,7 @@ class MksMoves(MksDrive, Retargeting):
         once: bool = False,
     ) -> Look:
         look = await super()._carry_out(move, target_from, pace, send, once=once)
-        if self._near(look.position, 0):
-            await self._check_zero()
+        await self._check_came_to_zero(look)
         return look
 
     async def _send_change(self, target: int, pace: Pace, speed: float) -> None:

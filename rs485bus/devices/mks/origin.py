@@ -80,7 +80,7 @@ class MksOrigin(MksDrive):
         elif not self._near(look.position, 0):
             raise await self._why(look, 0)
         else:
-            await self._check_zero()
+            await self._check_came_to_zero(look)
         self._zeroed(look)
         return 0.0
 

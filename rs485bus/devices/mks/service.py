@@ -16,11 +16,12 @@ from rs485bus.bus.job import Job, Outcome
 from rs485bus.bus.stopping import Procedure
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.alarms import AFTER_CALIBRATION, AFTER_RESTART, STALLED, Alarm, hints
+from rs485bus.devices.mks.attached import MksWatchdog
 from rs485bus.devices.mks.frames import write, write_block
 from rs485bus.devices.mks.settings import MksProfile, check_outputs
 from rs485bus.devices.mks.setup import MksSetup
 from rs485bus.devices.mks.values import Boot, OutputMask, PowerOnRun, Status
-from rs485bus.errors import DeviceOffline, DeviceRefused, MotionError, MotorStalled, NoReply, NotSent
+from rs485bus.errors import DeviceOffline, DeviceRefused, LimitExceeded, MotionError, MotorStalled, NoReply, NotSent
 from rs485bus.wire.registers import Register
 
 T = TypeVar("T")
@@ -91,7 +92,12 @@ class MksService(MksSetup):
         Raises:
             LimitExceeded: out of range; nothing is queued.
         """
-        request = write(self.address, r.WATCHDOG, round(seconds * 1000))
+        wanted = seconds * 1000
+        if not wanted == 0 and not 1 <= wanted <= MksWatchdog.highest:  # less than one would turn it off
+            raise LimitExceeded(
+                f"{self.name}: heartbeat time {seconds:g} s is outside 0.001..{MksWatchdog.highest / 1000} s; 0 is off"
+            )
+        request = write(self.address, r.WATCHDOG, round(wanted))
 
         async def carry_out() -> None:
             if self.bus.owner.feeding.get(self.address) is not None:

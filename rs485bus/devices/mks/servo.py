@@ -11,6 +11,10 @@ from rs485bus.devices.mks.service import MksService
 class MksServo(MksMoves, MksOrigin, MksService, MksQuestions):
     """An MKS SERVO drive and its motor.
 
+    A drive that restarts counts from zero where it then stands, and says nothing of it. It is noticed by a jump of the
+    position, by the enabling, and at zero by the homing status. What stands at zero and was not homed since it was
+    switched on, but set to zero, shows no difference: `home()` where a restart must not go unnoticed.
+
     Args:
         bus: the bus it is on.
         address: 1..247.

@@ -156,7 +156,6 @@ class TlrDrive(TlrKnowledge):
         return Pace(float(speed), full * 1000 / time if time else math.inf, speed, time)
 
     def _ticks(self, duration: float) -> int:
-        ticks = round(duration * 1000)
-        if ticks < 1:
-            raise LimitExceeded(f"{self.name}: duration {duration:g} s is below 0.001 s")
-        return ticks
+        if not 0.0005 < duration < math.inf:
+            raise LimitExceeded(f"{self.name}: duration {duration:g} s is not 0.001 s or more, with an end")
+        return round(duration * 1000)

@@ -131,7 +131,7 @@ class HubMotor(Axis):
 
     async def _look(self, *, quick: bool = False) -> Look:
         seen, moving = await self._glance(quick=quick)
-        self._check_faults(seen)
+        self.check_faults(seen)
         if seen.status.either(ShaftState.EMERGENCY_STOP):
             # That is why it is not enabled: not because it restarted.
             self._enabled = self.other._enabled = self.modes.ready = False
@@ -157,13 +157,13 @@ class HubMotor(Axis):
         if self._now in self.modes.hurried:
             return self._told[1] / self.driver.speed_resolution
         seen = await self.driver.sample(Urgency.POLL)
-        self._check_faults(seen)
+        self.check_faults(seen)
         if not seen.status.enabled:
             raise self._let_go(seen, self.name)
         return seen.motion[self.side.index].rpm
 
-    def _check_faults(self, seen: Snapshot) -> None:
-        """Stop both wheels for an error of either."""
+    def check_faults(self, seen: Snapshot) -> None:
+        """Stop both wheels for an error of either. Raises `DriveFault`."""
         try:
             self.modes.check_faults(seen)
         except DriveFault as fault:
@@ -295,6 +295,6 @@ class HubMotor(Axis):
         return Pace(real, 1000 * change / ramp if ramp else math.inf, round(real), ramp)
 
     def _ticks(self, duration: float) -> int:
-        if not duration > 0:
-            raise LimitExceeded(f"{self.name}: duration {duration:g} s is not above 0 s")
+        if not 0 < duration < math.inf:
+            raise LimitExceeded(f"{self.name}: duration {duration:g} s is not above 0 s, with an end; None has none")
         return round(duration * 1000)

@@ -164,7 +164,12 @@ class ZlacWheel(HubMotor):
                     f"{self.name}: {pace.rpm:g} rpm is more than {r.MAX_POSITION_RPM} rpm for a position"
                 )
             pace = replace(pace, rpm=float(max(1, round(pace.rpm))))
-            return await super()._carry_out(move, target, pace, send, once=once)
+            look = await super()._carry_out(move, target, pace, send, once=once)
+            if not look.enabled:
+                # One that restarted on its way to zero counts from zero, too.
+                self._forget()
+                raise self._let_go(await self.driver.sample(), f"{self.name} has ended {move.what} and let go")
+            return look
 
     async def _carry_out_run(
         self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None

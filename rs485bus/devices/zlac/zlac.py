@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Awaitable, Callable
 from typing import Literal, TypeVar
 
@@ -23,10 +24,12 @@ from rs485bus.devices.zlac.telemetry import Snapshot, StatusWord
 from rs485bus.devices.zlac.together import Both, Together
 from rs485bus.devices.zlac.values import Brake, ShaftState, Side
 from rs485bus.devices.zlac.wheel import ZlacWheel
-from rs485bus.errors import NotSent, RearmRequired
+from rs485bus.errors import DriveFault, NotSent, RearmRequired, RequestFailed
 from rs485bus.wire.registers import Register
 
 T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
 
 
 class Zlac8015d:
@@ -126,6 +129,8 @@ class Zlac8015d:
         self._wheels = (self.left, self.right)
         self._runs: list[Both[float]] = []
         """Those that another one may replace."""
+        self._faulty = False
+        """It reports an alarm that is being looked at."""
         self.name = self._driver.name
         bus.attach(self)
 
@@ -342,6 +347,30 @@ class Zlac8015d:
         if not word.running or word.either(ShaftState.ALARM) or word.either(ShaftState.EMERGENCY_STOP):
             for wheel in self._wheels:
                 wheel.told_standing()
+        if word.either(ShaftState.ALARM) and self._keeps_speed and not self._faulty:
+            self._faulty = True
+            self.bus.spawn(self._stop_for_fault(), f"rs485bus {self.name} fault")
+
+    @property
+    def _keeps_speed(self) -> bool:
+        """Whether a wheel goes on turning though nobody waits for it who could notice a fault."""
+        stopping = self.bus.owner.stations[self.address].halt is not None
+        return not stopping and any(self._modes.keeps(side) for side in Side)
+
+    async def _stop_for_fault(self) -> None:
+        """Stop what keeps a speed though the other wheel has failed."""
+        try:
+            seen = await self._driver.sample()
+            if self._keeps_speed:
+                self.left.check_faults(seen)
+        except DriveFault as fault:
+            for wheel in self._wheels:
+                wheel.interrupted(fault)
+        except RequestFailed as error:
+            _log.warning("%s reports an alarm and does not say which: %s", self.name, error)
+            self.emergency_stop()
+        finally:
+            self._faulty = False
 
     def _was_interrupted(self, unheard: float, reason: str) -> None:
         self._driver.known = self._modes.ready = False

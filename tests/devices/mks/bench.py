@@ -8,9 +8,12 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, ParamSpec
 
+import anyio
+
 from rs485bus import MksServo, open_bus
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.record import Record
+from rs485bus.devices.move import Move, MoveState
 from rs485bus.sim import SimMks, VirtualClockLoop, VirtualLine
 from rs485bus.wire.registers import Block, Register
 
@@ -112,3 +115,9 @@ async def bench(*sims: SimMks, baudrate: int = 115200, enable: bool = True, **op
             for axis in on.axes:
                 await axis.enable()
         yield on
+
+
+async def under_way(move: Move, seconds: float) -> None:
+    """Let a move be under way for so long."""
+    await anyio.sleep(seconds)
+    assert move.state is MoveState.MOVING

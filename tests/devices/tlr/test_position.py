@@ -95,6 +95,7 @@ async def test_a_trigger_that_is_taken_and_does_nothing_is_noticed_at_once() -> 
         with pytest.raises(MoveFailed, match="stands 4000000 pulses short"):
             await x.move_to(1000.0)
         assert now() - begun < 0.5
+        assert writes(sim, CONTROL)[-1][0] & 0x60  # it was stopped: it must not start after all
 
 
 @pytest.mark.parametrize("subdivision", [400, 4000, 51200])

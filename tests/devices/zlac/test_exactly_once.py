@@ -96,11 +96,12 @@ async def test_a_lost_answer_to_a_speed_or_a_torque_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("frame", ["102088", "062088"])
+@pytest.mark.parametrize("lost", ["request", "reply"])
 @on_virtual_clock
-async def test_a_speed_that_nobody_answers_is_settled_by_reading_the_target(frame: str) -> None:
+async def test_a_speed_that_nobody_answers_is_settled_by_reading_the_target(lost: str, frame: str) -> None:
     async with plant(config=BusConfig(retries=1)) as p:
         await p.base.run(1, 1)
-        p.sim.lose_reply(frame, times=2)
+        (p.sim.lose_request if lost == "request" else p.sim.lose_reply)(frame, times=2)
         run = p.base.run(50, 50) if frame == "102088" else p.base.left.run(50)
         await run
         assert p.rpm()[0] == pytest.approx(50, abs=2)
@@ -129,18 +130,20 @@ async def test_a_drive_that_falls_silent_at_the_start_is_stopped_and_moves_only_
         assert p.shafts() == pytest.approx((there[0] + 1, there[1]), abs=0.005)
 
 
+@pytest.mark.parametrize("start", STARTS)
 @on_virtual_clock
-async def test_a_restart_before_a_repetition_is_noticed_and_nothing_is_repeated() -> None:
+async def test_a_restart_before_a_repetition_is_noticed_and_nothing_is_repeated(start: ControlWord) -> None:
     async with plant(WatchedZlac(watchdog=0)) as p:
         await p.base.move_to(3.0, 3.0)
-        p.sim.lose_request(word(ControlWord.START_LEFT))
-        move = p.base.left.move_to(5.0)
+        p.sim.lose_request(word(start))
+        moves = go(p, start, 2.0)
         await p.sim.lost_all()
         p.sim.restart_takes = 0.05
         p.sim.power_cycle(p.now)
-        with pytest.raises(ReferenceLost):
-            await move
+        ended = await asyncio.gather(*(move.wait() for move in moves), return_exceptions=True)
+        assert ReferenceLost in map(type, ended)
         assert p.shafts() == (3.0, 3.0)
+        assert p.sim.value_writes(word(start)) == (start is ControlWord.START_BOTH)  # of the first move
 
 
 @on_virtual_clock
@@ -157,6 +160,21 @@ async def test_a_restart_in_the_middle_of_a_move_ends_the_trust_in_positions() -
         await p.base.set_zero()
         await p.base.left.move_to(1.0)
         assert p.sim.moves[0] == 2
+
+
+@pytest.mark.parametrize("who", ["wheel", "pair"])
+@on_virtual_clock
+async def test_a_drive_that_restarts_on_its_way_to_zero_has_not_arrived_there(who: str) -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        await p.base.move_to(10.0, 10.0)
+        move = p.base.move_to(0.0, 0.0) if who == "pair" else p.base.left.move_to(0.0)
+        await asyncio.sleep(8.0)  # more than half of it: not too early to have arrived
+        p.sim.power_cycle(p.now)  # it counts from zero where it stands
+        with pytest.raises(ReferenceLost, match="may have restarted"):
+            await move
+        await p.base.enable()
+        with pytest.raises(ReferenceLost):
+            await p.base.left.move_to(1.0)
 
 
 @on_virtual_clock

@@ -7,7 +7,7 @@ import pytest
 
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.values import Brake, ControlMode, PowerOnShaft, Synchrony
-from rs485bus.errors import MotionError
+from rs485bus.errors import DeviceRefused, MotionError
 from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
 
 
@@ -140,6 +140,16 @@ async def test_a_ramp_whose_answer_was_lost_is_not_taken_for_written() -> None:
     async with plant(WatchedZlac(watchdog=0)) as p:
         p.sim.lose_request("102080", times=3)
         with pytest.raises(Exception, match=r"No reply|stopped answering"):
+            await p.base.run(100, 100, acceleration=50)
+        await p.base.run(100, 100, acceleration=50)
+        assert p.sim.value(r.ACCELERATION_TIME.left) == 2000
+
+
+@on_virtual_clock
+async def test_a_ramp_that_was_refused_is_not_taken_for_written() -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        p.sim.refuse("102080")
+        with pytest.raises(DeviceRefused):
             await p.base.run(100, 100, acceleration=50)
         await p.base.run(100, 100, acceleration=50)
         assert p.sim.value(r.ACCELERATION_TIME.left) == 2000

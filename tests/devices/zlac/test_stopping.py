@@ -6,13 +6,11 @@ import pytest
 
 from rs485bus import Move, MoveState
 from rs485bus.devices.zlac.together import Both
-from rs485bus.devices.zlac.values import Brake, ControlMode, ControlWord, Fault, Inputs, ShaftState, Side
+from rs485bus.devices.zlac.values import ControlMode, ControlWord
 from rs485bus.errors import (
-    DriveFault,
     EmergencyStopped,
     MotionError,
     MoveCancelled,
-    MoveFailed,
     NotEnabled,
     NotSent,
     OutcomeUnknown,
@@ -185,6 +183,15 @@ def check_targets_are_zeroed_before(writes: list[str]) -> None:
 
 
 @on_virtual_clock
+async def test_nothing_older_of_the_other_wheel_follows_a_stop_that_stops_both() -> None:
+    async with plant() as p:
+        epochs = p.base.left.motion.epoch, p.base.right.motion.epoch
+        p.base.attached.stops(p.base.left.motion, True)
+        assert p.base.left.motion.epoch != epochs[0]
+        assert p.base.right.motion.epoch != epochs[1]
+
+
+@on_virtual_clock
 async def test_an_emergency_stop_is_on_the_wire_at_once() -> None:
     async with plant() as p:
         await p.base.run(100, 100)
@@ -234,136 +241,6 @@ async def test_standing_is_not_believed_of_a_run_bit_while_positions_change() ->
             await p.base.emergency_stop()
         p.sim.deaf_to_stops = False
         await asyncio.sleep(2.0)
-
-
-@pytest.mark.parametrize("side", list(Side))
-@pytest.mark.parametrize("how", ["velocity", "together", "one by one"])
-@on_virtual_clock
-async def test_a_fault_of_one_wheel_in_the_middle_of_a_motion_stops_both(side: Side, how: str) -> None:
-    async with plant() as p:
-        motions: list[Both[float] | Move]
-        if how == "velocity":
-            motions = [p.base.run(200, 200, acceleration=20)]
-        elif how == "together":
-            motions = [p.base.move_to(10.0, 10.0)]
-        else:
-            motions = [p.base.left.move_to(10.0), p.base.right.move_to(10.0)]
-        await asyncio.sleep(1.0)
-        p.sim.fail(side, Fault.OVER_CURRENT | Fault.OVER_LOAD, p.now)
-        for motion in motions:
-            with pytest.raises(DriveFault, match=f"{side.name.lower()} over current .*, over load"):
-                await motion
-        await asyncio.sleep(1.0)
-        assert await p.standing_for(2.0)
-        with pytest.raises(MotionError):
-            await p.base.left.run(10)
-        with pytest.raises(DriveFault):
-            await p.base.enable()
-        await p.base.clear_faults()
-        await p.base.enable()
-        assert await p.standing_for(2.0)
-        there = p.shafts()
-        await p.base.move_by(1.0, 1.0)
-        assert p.shafts() == pytest.approx((there[0] + 1, there[1] + 1), abs=0.005)
-
-
-@on_virtual_clock
-async def test_a_fault_is_noticed_while_a_long_move_is_waited_for() -> None:
-    async with plant() as p:
-        move = p.base.left.move_to(100.0)
-        await asyncio.sleep(1.0)
-        p.sim.fail(Side.LEFT, Fault.OVER_VOLTAGE, p.now)
-        began = p.now
-        with pytest.raises(DriveFault, match="over voltage"):
-            await move
-        assert p.now - began < 1.0
-
-
-@on_virtual_clock
-async def test_a_fault_that_stays_is_not_cleared() -> None:
-    async with plant() as p:
-        p.sim.fail(Side.RIGHT, Fault.MOTOR_TEMPERATURE, p.now)
-        p.sim.refuse(word(ControlWord.CLEAR_FAULT))
-        with pytest.raises(Exception, match="Refused"):
-            await p.base.clear_faults()
-        p.sim.lasting = Fault.MOTOR_TEMPERATURE
-        with pytest.raises(DriveFault, match="let it cool down"):
-            await p.base.clear_faults()
-        p.sim.lasting = Fault(0)
-        await p.base.clear_faults()
-
-
-@on_virtual_clock
-async def test_a_fault_of_an_encoder_ends_the_trust_in_positions() -> None:
-    async with plant() as p:
-        move = p.base.left.move_to(10.0)
-        await asyncio.sleep(1.0)
-        p.sim.fail(Side.LEFT, Fault.ENCODER, p.now)
-        with pytest.raises(DriveFault):
-            await move
-        await p.base.clear_faults()
-        await p.base.enable()
-        with pytest.raises(MotionError, match="set_zero"):
-            await p.base.left.move_to(0.0)
-        await p.base.right.move_to(1.0)
-
-
-@on_virtual_clock
-async def test_a_closed_brake_is_a_fault_that_names_it() -> None:
-    async with plant() as p:
-        await p.base.set_brakes(Brake.CLOSED, Brake.OPEN)
-        with pytest.raises(DriveFault, match="open its brake"):
-            await p.base.left.move_to(1.0)
-        await p.base.clear_faults()
-        await p.base.set_brakes(Brake.OPEN, Brake.OPEN)
-        await p.base.enable()
-        await p.base.left.move_to(1.0)
-
-
-@on_virtual_clock
-async def test_the_emergency_stop_input_ends_a_move_and_keeps_the_drive_from_being_enabled() -> None:
-    async with plant() as p:
-        move = p.base.move_to(10.0, 10.0)
-        await asyncio.sleep(1.0)
-        p.sim.press(Inputs.X0, p.now)
-        with pytest.raises(MoveFailed, match="emergency stop"):
-            await move
-        status = await p.base.status()
-        assert status.emergency_stop_input
-        assert status.left.shaft is ShaftState.EMERGENCY_STOP
-        with pytest.raises(NotEnabled, match="emergency-stop input"):
-            await p.base.enable()
-        p.sim.press(Inputs(0), p.now)
-        await p.base.enable()
-        assert await p.standing_for(3.0)
-        await p.base.move_to(1.0, 1.0)
-
-
-@on_virtual_clock
-async def test_the_emergency_stop_input_ends_a_run_that_gets_up_to_speed() -> None:
-    async with plant() as p:
-        run = p.base.run(500, 500, acceleration=20)
-        await asyncio.sleep(1.0)
-        p.sim.press(Inputs.X0, p.now)
-        with pytest.raises(MoveFailed, match="emergency stop"):
-            await run
-        p.sim.press(Inputs(0), p.now)
-        await p.base.enable()
-        assert await p.standing_for(3.0)
-
-
-@on_virtual_clock
-async def test_the_emergency_stop_input_of_a_standing_drive_costs_no_reference() -> None:
-    async with plant() as p:
-        await p.base.move_to(1.0, 1.0)
-        p.sim.press(Inputs.X0, p.now)
-        await asyncio.sleep(1.0)
-        with pytest.raises(NotEnabled):
-            await p.base.left.move_to(2.0)
-        p.sim.press(Inputs(0), p.now)
-        await p.base.enable()
-        await p.base.move_to(2.0, 2.0)
-        assert p.shafts() == (2.0, 2.0)
 
 
 @on_virtual_clock

@@ -218,6 +218,23 @@ async def test_a_change_of_mode_never_moves_a_wheel_by_an_old_target() -> None:
 
 
 @on_virtual_clock
+async def test_torque_mode_does_not_begin_with_the_torque_of_before() -> None:
+    async with plant(WatchedZlac(watchdog=0), smooth_stop=True) as p:
+        await p.base.torque(2000, 2000, slope=4000)
+        await asyncio.sleep(1.0)
+        await p.base.stop()
+        there = p.shafts()
+        p.sim.lose_request("1020900002" + "04" + "00010001", times=3)  # the new torque comes late
+        again = p.base.torque(1, 1)
+        await p.sim.lost_all()
+        assert p.rpm() == (0, 0)
+        assert p.shafts() == there
+        await p.base.stop()
+        with pytest.raises(MoveCancelled):
+            await again
+
+
+@on_virtual_clock
 async def test_a_wheel_that_needs_another_mode_waits_until_the_other_wheel_has_arrived() -> None:
     async with plant() as p:
         move, run = p.base.left.move_to(2.0), p.base.right.run(50)

@@ -1,0 +1,79 @@
+"""What is no number, or has no end, is refused by every verb of every family before anything is queued or sent."""
+
+import asyncio
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+
+from rs485bus import MksServo, TlrStepper, Zlac8015d, open_bus
+from rs485bus.devices.axis import Axis
+from rs485bus.devices.tlr import Path
+from rs485bus.errors import LimitExceeded
+from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
+from tests.shell.support import virtual
+
+VERBS: dict[str, Callable[[Axis, float], Awaitable[object]]] = {
+    "move_to": lambda axis, value: axis.move_to(value),
+    "move_by": lambda axis, value: axis.move_by(value),
+    "run": lambda axis, value: axis.run(value),
+    "rpm": lambda axis, value: axis.move_to(1.0, rpm=value),
+    "duration": lambda axis, value: axis.run(10, duration=value),
+    "acceleration": lambda axis, value: axis.move_to(1.0, acceleration=-abs(value)),
+}
+
+
+@asynccontextmanager
+async def axes() -> AsyncIterator[tuple[list[Axis], Callable[[], int]]]:
+    """One axis of each family, enabled, and how many writes went out so far."""
+    async with open_bus(VirtualLine(SimMks(1), SimZlac(2), SimTlr(3))) as bus:
+        all_axes: list[Axis] = [MksServo(bus, 1), Zlac8015d(bus, 2).left, TlrStepper(bus, 3)]
+        for axis in all_axes:
+            await axis.enable()
+        writes: list[bytes] = []
+        bus.subscribe(lambda record: writes.append(record.request) if record.request[1] in (6, 16) else None)
+        yield all_axes, lambda: len(writes)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("verb", VERBS)
+@virtual
+async def test_what_is_not_finite_is_refused_at_the_call(verb: str, value: float) -> None:
+    async with axes() as (all_axes, writes):
+        for axis in all_axes:
+            with pytest.raises(LimitExceeded):
+                VERBS[verb](axis, value)
+            assert await axis.idle()
+        assert writes() == 0
+
+
+@virtual
+async def test_a_move_behind_one_that_is_not_planned_is_refused_at_the_call_too() -> None:
+    async with axes() as (all_axes, _):
+        for axis in all_axes:
+            run = axis.run(10, duration=1.0)
+            with pytest.raises(LimitExceeded):
+                axis.move_by(math.nan)
+            await run
+
+
+@virtual
+async def test_the_range_is_named_where_the_register_has_one() -> None:
+    async with axes() as (all_axes, _):
+        for axis in all_axes:
+            with pytest.raises(LimitExceeded, match=r"position inf is outside -\d+.*\.\.\d+"):
+                axis.move_to(math.inf)
+
+
+@virtual
+async def test_tables_of_a_drive_take_no_such_numbers_either() -> None:
+    async with open_bus(VirtualLine(SimTlr(3))) as bus:
+        stepper = TlrStepper(bus, 3)
+        with pytest.raises(LimitExceeded):
+            stepper.paths[0] = Path(math.nan)
+        for limits in ((math.nan, 1.0), (-math.inf, math.inf)):
+            with pytest.raises(LimitExceeded):
+                await stepper.set_soft_limits(*limits)
+        await asyncio.sleep(0.1)
+        assert await stepper.idle()

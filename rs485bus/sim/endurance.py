@@ -72,7 +72,7 @@ class Verdict:
     """Moves that ended elsewhere than where they were sent."""
     questions: int = 0
     errors: Counter[str] = field(default_factory=Counter)
-    """What moves and questions raised. A question that was lost three times is `NoReply`."""
+    """What moves and questions raised, and how often."""
     requests: int = 0
     retries: int = 0
     idle: float = 0.0
@@ -93,8 +93,8 @@ class Verdict:
     @property
     def faults(self) -> list[str]:
         """What is wrong; empty if nothing is."""
-        lost = "a question raised NoReply"
-        unexpected = [what for what in self.errors if not (self.loss and what == lost)]
+        # Nothing was done, says NoReply: a read was lost three times.
+        unexpected = [what for what in self.errors if not (self.loss and what.endswith("raised NoReply"))]
         growth = self.memory[-1] - self.memory[0] if self.memory else 0
         found = {
             f"{self.trips} drives tripped": self.trips,
@@ -282,10 +282,8 @@ class Endurance:
             for question in drive.questions:
                 try:
                     await question()
-                except NoReply as error:
-                    self._verdict.errors[f"a question raised {type(error).__name__}"] += 1
                 except BusError as error:
-                    self._verdict.errors[f"a question raised {type(error).__name__}: {error}"] += 1
+                    self._failed("a question", error)
                     await asyncio.sleep(_AFTER_AN_ERROR)
                 else:
                     self._verdict.questions += 1
@@ -298,7 +296,7 @@ class Endurance:
                     if abs(position - target) > drive.tolerance:
                         self._verdict.misplaced.append(f"{drive.axis.name} at {position:.4f}, sent to {target:.4f}")
             except BusError as error:
-                self._verdict.errors[f"a move raised {type(error).__name__}: {error}"] += 1
+                self._failed("a move", error)
                 await self._enable(drive)
             else:
                 self._verdict.moves += 1
@@ -308,7 +306,11 @@ class Endurance:
         try:
             await drive.axis.enable()
         except BusError as error:
-            self._verdict.errors[f"enabling raised {type(error).__name__}: {error}"] += 1
+            self._failed("an enable", error)
+
+    def _failed(self, what: str, error: BusError) -> None:
+        why = "" if type(error) is NoReply else f": {error}"
+        self._verdict.errors[f"{what} raised {type(error).__name__}{why}"] += 1
 
     async def _keep_the_time(self, bus: Bus) -> None:
         begun = bus.now()

@@ -19,7 +19,7 @@ from rs485bus.bus.owner import Owner
 from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.stopping import Halted, Procedure
 from rs485bus.bus.unit import Broadcast, Unit
-from rs485bus.bus.watch import Watchdog
+from rs485bus.bus.watch import Watchdog, warn_of
 from rs485bus.errors import AddressInUse, BusError, PortError, WrongThread
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request
@@ -55,6 +55,7 @@ class Bus:
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
+        self._owner.feeding.on_escape = warn_of
         self._alarm = transport.alarm(self._wake)
         self._pumping = False
         self._again = False

@@ -7,13 +7,15 @@ several would be due at once, since the pair carries only one feed at a time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from rs485bus.errors import WatchdogInfeasible
 
 SHARE = 1 / 3
 """The part of a watchdog's time after which its device is due."""
+NARROW = 3 / 4
+"""The part of a watchdog's time after which it was a narrow escape if the device is heard at last."""
 _SOON = float("-inf")
 _MUTED = float("inf")
 
@@ -36,6 +38,8 @@ class Watch:
     """Feeds in a row that were not answered."""
     retry_at: float = 0.0
     """Not to be fed before, because a feed just failed."""
+    escaped: bool = False
+    """It was heard only in the last quarter of its time, once."""
 
     @property
     def due(self) -> float:
@@ -50,7 +54,7 @@ class Watch:
 class Feeding:
     """The armed watchdogs of one bus."""
 
-    __slots__ = ("_over_at", "_planned", "_watches", "look_at", "slack")
+    __slots__ = ("_over_at", "_planned", "_watches", "look_at", "on_escape", "slack")
 
     def __init__(self) -> None:
         self._watches: dict[int, Watch] = {}
@@ -60,6 +64,8 @@ class Feeding:
         self._over_at = float("inf")
         self.slack = float("inf")
         """How long one request may take the wire, in seconds, lest a device trips."""
+        self.on_escape: Callable[[Watch], None] | None = None
+        """Told of each device, once, that was heard only in the last quarter of its time: `longest` says when."""
 
     def get(self, address: int) -> Watch | None:
         return self._watches.get(address)
@@ -99,6 +105,10 @@ class Feeding:
         if watch is not None and since > watch.heard_at:
             watch.longest = max(watch.longest, since - watch.heard_at)
             watch.heard_at = since
+            if watch.longest > NARROW * watch.timeout and not watch.escaped:
+                watch.escaped = True
+                if self.on_escape is not None:
+                    self.on_escape(watch)
             watch.failures = 0
             if watch.retry_at != _MUTED:
                 watch.retry_at = 0.0

@@ -87,6 +87,7 @@ class Job:
         "ended_at",
         "epoch",
         "expires_at",
+        "feeds",
         "internal",
         "is_broadcast",
         "motion",
@@ -143,6 +144,8 @@ class Job:
         """When the oldest attempt was sent that its reply may answer."""
         self.attempts = 0
         self.unanswered = 0
+        self.feeds = False
+        """Its latest attempt was sent to feed a watchdog."""
         self.deserted = False
         """Nobody waits for it any more."""
         self.outcome: Outcome | None = None

@@ -12,6 +12,7 @@ from typing import TypeVar
 from rs485bus.bus.clockwork import Clockwork
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.exchange import Kind, Received
+from rs485bus.bus.feeder import next_feed
 from rs485bus.bus.feeding import Feeding, Watch
 from rs485bus.bus.gate import Gate
 from rs485bus.bus.job import Job, Outcome, Reason, Urgency
@@ -30,7 +31,6 @@ T = TypeVar("T")
 FOREVER = float("inf")
 _STOPS = (Urgency.STOP,)
 _SOON = (Urgency.FEED, Urgency.CONFIRM)
-_REST = (Urgency.COMMAND, Urgency.POLL)
 
 
 class Owner:
@@ -247,7 +247,7 @@ class Owner:
             return None, min(wake, self._turnaround_until)
         watch = self.feeding.due(self.now)
         if watch is not None:
-            return self._feed(watch), wake
+            return next_feed(watch, self._queue, self.stations, self._admit, self.now), wake
         wake = min(wake, self.feeding.look_at)
         job, again = self._queue.take(self._admit, _SOON)
         if job is not None:
@@ -257,7 +257,7 @@ class Owner:
         if lost is not None:
             return self._look_for(lost), wake
         wake = min(wake, again)
-        job, again = self._queue.take(self._admit, _REST)
+        job, again = self._queue.take_rest(self._admit)
         if job is not None:
             return job, again
         wake = min(wake, again, self.stations.to_probe_at(self.now))
@@ -274,16 +274,6 @@ class Owner:
             self._drop(job, reason)
             return GONE
         return self.gate.wait(job, self.now)
-
-    def _feed(self, watch: Watch) -> Job:
-        """The read that feeds a watchdog: one whose reply is not owed, or else one that proves less."""
-        station = self.stations[watch.address]
-        assert station.attached is not None
-        station.late.expire(self.now)
-        reads = station.attached.reads()
-        request = next((read for read in reads if not station.late.must_wait(read)), reads[0])
-        watch.feeds += 1
-        return Job(request, urgency=Urgency.FEED, tolerant=True, internal=True, retries=0)
 
     def _look_for(self, station: Station) -> Job:
         """A read that only asks whether anybody answers."""
@@ -341,6 +331,7 @@ class Owner:
         self.pair.exchange.settle()
         self.pair.end(self.stations.late(self.now))
         if kind is not Kind.NORMAL:
+            self._fed_nothing(job)
             # An unanswered attempt before this one may have done what this one was refused.
             unknown = job.unanswered and job.request.writes
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED)
@@ -355,7 +346,6 @@ class Owner:
         job = self.pair.job
         assert job is not None
         station = self.stations[job.address]
-        listened = self.now - job.sent_at
         job.unanswered += 1
         self.stations.owes(station, job, max(self.pair.deadline, self.now))
         self._note(job, b"", how, self.now)
@@ -363,16 +353,21 @@ class Owner:
             self.pair.exchange.settle()
             self.stations.unanswered(station, job, self.now)
         self.pair.end(self.stations.late(self.now))
-        if job.urgency is Urgency.FEED and job.internal:
-            self.feeding.failed(job.address, self.now, listened)
-        elif how != "lost" and self._may_repeat(job) and not station.reach.silent:
+        self._fed_nothing(job)
+        if how != "lost" and self._may_repeat(job) and not station.reach.silent:
             self._queue.put(job, first=True)
             return
-        elif how == "no reply" and not job.internal:
+        if how == "no reply" and not job.internal:
             self.stations.missed(station, self.now, self.config.offline_after)
         safe = job.repeat is Repeat.SAFE or not job.request.writes
         reason = Reason.UNPLUGGED if how == "lost" else Reason.NONE
         self._end(job, Outcome.NO_REPLY if safe else Outcome.UNKNOWN, reason)
+
+    def _fed_nothing(self, job: Job) -> None:
+        """The job's latest attempt was not acknowledged."""
+        if job.feeds:
+            job.feeds = False
+            self.feeding.failed(job.address, self.now, self.now - job.sent_at)
 
     def _may_repeat(self, job: Job) -> bool:
         retries = self.config.retries if job.retries is None else job.retries

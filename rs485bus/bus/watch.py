@@ -11,6 +11,7 @@ from typing import Literal
 
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.failure import failure
+from rs485bus.bus.feeding import Watch
 from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, left_armed, release
 from rs485bus.bus.handle import outlast, settle
 from rs485bus.bus.shell import Shell
@@ -18,6 +19,20 @@ from rs485bus.bus.stopping import Halted
 from rs485bus.errors import StopUnconfirmed, WatchdogInUse
 
 _log = logging.getLogger("rs485bus")
+
+
+def warn_of(escape: Watch) -> None:
+    """Log that a device was heard only just before its watchdog would have stopped it."""
+    _log.warning(
+        "unit %d was unheard for %.3f s of the %g s of its watchdog: a margin of %.0f %%, %d feeds were sent. It "
+        "nearly tripped. Use a longer watchdog, and look in bus.stats for what is lost; an event loop that is blocked feeds "
+        "nothing.",
+        escape.address,
+        escape.longest,
+        escape.timeout,
+        100 * (1 - escape.longest / escape.timeout),
+        escape.feeds,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +123,10 @@ class Watchdog:
             self._bus.poke()
 
     def report(self) -> list[WatchReport]:
-        """How each device has been fed so far."""
+        """How each device has been fed so far.
+
+        A device whose margin falls under a quarter is logged as a warning, too, once, by "rs485bus".
+        """
         owner = self._bus.owner
         reports = []
         for device in self._devices:

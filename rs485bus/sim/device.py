@@ -38,6 +38,10 @@ class SimDevice(ABC):
         """The baud rate at which it listens and answers now."""
         return self.baudrate
 
+    def heeds(self, frame: bytes) -> bool:
+        """Whether a frame means anything to it. Others need not be looked at: that is most of them on a full pair."""
+        return True
+
     @abstractmethod
     def answer(self, pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
         """Do what a request says (function and data, without address and CRC); return the answer's, if it answers.

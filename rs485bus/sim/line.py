@@ -130,6 +130,8 @@ class VirtualPair:
         if self._chance(self.noise.flipped_request):
             frame = self._flip(frame)
         for device in self.devices:
+            if not device.heeds(frame):
+                continue
             if device.rate(now) not in (None, self.line.baudrate) or self._hanging.get(device, 0.0) > now:
                 continue
             if frame[0] == device.address and self._chance(self.noise.hang):

@@ -223,6 +223,10 @@ class SimMks(SimDevice):
 
     # The wire
 
+    def heeds(self, frame: bytes) -> bool:
+        mine = frame[0] in (self.address, BROADCAST) or not self.settings[r.MODBUS.address]
+        return mine or "others" in self.fed_by or self.motion.planned  # another address, perhaps
+
     def rate(self, now: float) -> int | None:
         self.advance(now)
         return self.baudrate

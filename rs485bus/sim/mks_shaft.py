@@ -148,6 +148,11 @@ class MksShaft:
             elif when == now:
                 return
 
+    @property
+    def planned(self) -> bool:
+        """Whether something is to happen later."""
+        return bool(self._events)
+
     def later(self, delay: float, now: float, happen: Callable[[float], None]) -> None:
         """Plan something; a stop, and the next command, forget it."""
         self._events.append((now + delay, happen))

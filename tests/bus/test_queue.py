@@ -98,3 +98,46 @@ def test_nothing_is_lost_and_every_rule_of_order_holds(plan: list[tuple[int, Urg
             if address in later:
                 between = set(later[: later.index(address)])
                 assert set(later) - {address} <= between | {address}
+
+
+def test_commands_that_never_end_leave_a_poll_every_fourth_turn() -> None:
+    queue = Queue()
+    for address in range(1, 5):
+        queue.put(job(address))
+        queue.put(job(address, Urgency.POLL))
+    polled = []
+    for _ in range(16):
+        taken, _ = queue.take_rest(lambda _: READY)
+        assert taken is not None
+        queue.put(job(taken.address, taken.urgency))
+        polled.append(taken.address if taken.urgency is Urgency.POLL else 0)
+    assert polled == [0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3, 0, 0, 0, 4]
+
+
+def test_commands_owe_nothing_to_polls_that_came_later() -> None:
+    queue = Queue()
+    for _ in range(10):
+        queue.put(job(1))
+        queue.take_rest(lambda _: READY)
+    queue.put(job(1, Urgency.POLL))
+    queue.put(job(1))
+    taken, _ = queue.take_rest(lambda _: READY)
+    assert taken is not None
+    assert taken.urgency is Urgency.COMMAND
+
+
+def test_what_waits_for_one_address_is_found_the_most_urgent_first() -> None:
+    queue = Queue()
+    other, poll, dead, command = job(2), job(1, Urgency.POLL), job(1), job(1)
+    stop, feed = job(1, Urgency.STOP), job(1, Urgency.FEED)
+    for waiting in (other, poll, dead, command, stop, feed):
+        queue.put(waiting)
+
+    def admit(asked: Job) -> float:
+        return GONE if asked is dead else READY
+
+    assert queue.take_of(1, admit) is command
+    assert queue.take_of(1, lambda _: 7.0) is None
+    assert queue.take_of(1, admit) is poll
+    assert queue.take_of(1, admit) is None
+    assert queue.size == 3

@@ -106,8 +106,8 @@ class MksDrive(Axis):
     async def _read(self, register: Register[T], urgency: Urgency = Urgency.COMMAND) -> T:
         return register.decode(payload(await self.bus.ask(read(self.address, register), urgency=urgency)))
 
-    async def _read_block(self, block: Block) -> tuple[Any, ...]:
-        return block.decode(payload(await self.bus.ask(read(self.address, block))))
+    async def _read_block(self, block: Block, urgency: Urgency = Urgency.COMMAND) -> tuple[Any, ...]:
+        return block.decode(payload(await self.bus.ask(read(self.address, block), urgency=urgency)))
 
     async def _read_homed(self) -> tuple[Homed, Homed]:
         in_turn, origin = await self._read_block(r.HOMED)
@@ -135,10 +135,10 @@ class MksDrive(Axis):
         return False
 
     async def _read_position(self) -> int:
-        return await self._read(r.POSITION)
+        return await self._read(r.POSITION, Urgency.POLL)
 
     async def _read_velocity(self) -> float:
-        speed = await self._read(r.SPEED)
+        speed = await self._read(r.SPEED, Urgency.POLL)
         return float(speed if self.positive is MotionDirection.CCW else -speed)
 
     async def _why(self, look: Look, target: int) -> MotionError:

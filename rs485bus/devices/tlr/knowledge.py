@@ -158,12 +158,12 @@ class TlrKnowledge(Retargeting):
 
     async def _read_position(self) -> int:
         await self._set_up()
-        position = (await self.report()).position
+        position = (await self.report(Urgency.POLL)).position
         assert position is not None
         return position
 
     async def _read_velocity(self) -> float:
-        rpm = await self.link.read(r.SPEED)
+        rpm = await self.link.read(r.SPEED, Urgency.POLL)
         return float(rpm)
 
     # What follows from the answers

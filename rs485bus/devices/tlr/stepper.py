@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
+from rs485bus.bus.job import Urgency
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.alarms import Alarm, alarm_of
 from rs485bus.devices.tlr.homing import TlrHoming
@@ -170,7 +171,7 @@ class TlrStepper(TlrHoming, TlrSettings):
     async def status(self) -> TlrStatus:
         """What the drive reports."""
         await self.set_up()
-        word, alarm, inputs, outputs, position, rpm = await self.link.read_block(r.TELEMETRY)
+        word, alarm, inputs, outputs, position, rpm = await self.link.read_block(r.TELEMETRY, Urgency.POLL)
         return TlrStatus(word, alarm_of(alarm), inputs, outputs, self._to_units(position), float(self._sign * rpm))
 
     async def version(self) -> Version:

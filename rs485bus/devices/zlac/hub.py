@@ -139,7 +139,7 @@ class HubMotor(Axis):
 
     async def velocity(self) -> float:
         """How fast the wheel turns, in rpm, in steps of 0.1. Some firmware reports it in velocity mode only."""
-        return self._sign * (await self.driver.sample()).motion[self.side.index].rpm
+        return self._sign * (await self.driver.sample(Urgency.POLL)).motion[self.side.index].rpm
 
     async def idle(self) -> bool:
         """Whether nothing is queued and the wheel stands."""
@@ -151,7 +151,7 @@ class HubMotor(Axis):
             await wheel._orders.drain()
 
     async def _read_position(self) -> int:
-        return (await self.driver.sample()).motion[self.side.index].position
+        return (await self.driver.sample(Urgency.POLL)).motion[self.side.index].position
 
     async def _read_velocity(self) -> float:
         if self._now in self.modes.hurried:

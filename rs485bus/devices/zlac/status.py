@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rs485bus.bus.job import Urgency
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.driver import ZlacDriver
 from rs485bus.devices.zlac.hub import HubMotor
@@ -64,9 +65,9 @@ class ZlacStatus:
 
 async def read_status(driver: ZlacDriver, *wheels: HubMotor) -> ZlacStatus:
     """Ask a drive for what it reports of its two wheels and of itself."""
-    _, voltage, word, *rest = await driver.read_block(r.REPORT)
-    inputs, outputs = await driver.read_block(r.PORTS)
-    reversed_, x0, x1, _, *brakes = await driver.read_block(r.TERMINALS)
+    _, voltage, word, *rest = await driver.read_block(r.REPORT, Urgency.POLL)
+    inputs, outputs = await driver.read_block(r.PORTS, Urgency.POLL)
+    reversed_, x0, x1, _, *brakes = await driver.read_block(r.TERMINALS, Urgency.POLL)
     hall, temperature, faults, position, rpm, torque = (rest[at : at + 2] for at in range(0, 12, 2))
     status = StatusWord(word)
     seen = []

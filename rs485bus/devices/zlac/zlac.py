@@ -9,6 +9,7 @@ from typing import Literal, TypeVar
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
+from rs485bus.bus.job import Urgency
 from rs485bus.bus.stopping import Halted
 from rs485bus.bus.watch import Watchdog
 from rs485bus.devices.move import Move
@@ -256,7 +257,7 @@ class Zlac8015d:
 
     async def snapshot(self) -> Snapshot:
         """Counts, speeds, torques, errors and status word of both wheels at one moment, in the drive's own terms."""
-        return await self._driver.sample()
+        return await self._driver.sample(Urgency.POLL)
 
     async def status(self) -> ZlacStatus:
         """What the drive reports. The wheels are of one moment."""

@@ -1,0 +1,49 @@
+"""What is sent to feed a watchdog: a request that waits for the device anyway, or else a read of its own. Pure."""
+
+from __future__ import annotations
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.feeding import Watch
+from rs485bus.bus.job import Job, Urgency
+from rs485bus.bus.queue import Admission, Queue
+from rs485bus.bus.station import Stations
+
+_NOT_NOW = float("inf")
+
+
+def next_feed(watch: Watch, queue: Queue, stations: Stations, admit: Admission, now: float) -> Job:
+    """What to send to a device that is due.
+
+    On a bus that is never idle something waits for most devices. It goes a little before its turn, instead of in
+    addition to a feed, so that feeding takes nothing from the wire. What was not answered is followed by a feed.
+
+    Args:
+        watch: the watchdog that is due.
+        queue: what waits for the wire. What goes is taken out of it.
+        stations: the addresses.
+        admit: whether a job may go.
+        now: the time, in seconds.
+    """
+    station = stations[watch.address]
+    attached = station.attached
+    assert attached is not None
+    if watch.failures == 0:
+        waiting = queue.take_of(watch.address, lambda job: admit(job) if _is_as_short(job, attached) else _NOT_NOW)
+        if waiting is not None:
+            waiting.feeds = True
+            return waiting
+    station.late.expire(now)
+    # One whose reply is not owed, or else one that proves less.
+    reads = attached.reads()
+    request = next((read for read in reads if not station.late.must_wait(read)), reads[0])
+    watch.feeds += 1
+    job = Job(request, urgency=Urgency.FEED, tolerant=True, internal=True, retries=0)
+    job.feeds = True
+    return job
+
+
+def _is_as_short(job: Job, attached: Attached) -> bool:
+    """Whether it takes the wire no longer than a feed may."""
+    longest = max(len(read.adu) + read.length for read in attached.reads())
+    length = job.request.length
+    return job.reply_timeout is None and 0 < length <= longest - len(job.request.adu)

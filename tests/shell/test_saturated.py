@@ -1,0 +1,64 @@
+"""An application that asks without a pause, on every axis: what it moves still begins, is looked at, and ends."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from rs485bus import Bus, BusConfig, MksServo, Zlac8015d, open_bus
+from rs485bus.bus.job import Urgency
+from rs485bus.bus.record import Record
+from rs485bus.sim import SimMks, SimZlac, VirtualLine
+from tests.shell.support import bus_on, plant, virtual
+
+QUICK = BusConfig(reply_timeout=0.01)
+
+
+def questions_of(axis: MksServo) -> list[Callable[[], Awaitable[Any]]]:
+    return [axis.position, axis.velocity, axis.running, axis.counts]
+
+
+def raw_reads_of(axis: MksServo) -> list[Callable[[], Awaitable[Any]]]:
+    unit = axis.bus.unit(axis.address)
+    return [lambda: unit.read_input_registers(0x31, 3), lambda: unit.read_input_registers(0x32, 1)]
+
+
+async def without_a_pause(question: Callable[[], Awaitable[Any]]) -> None:
+    while True:
+        await question()
+
+
+@pytest.mark.parametrize("asked", [questions_of, raw_reads_of])
+@virtual
+async def test_moves_end_on_a_bus_that_is_never_idle(
+    asked: Callable[[MksServo], list[Callable[[], Awaitable[Any]]]],
+) -> None:
+    made = plant(8)
+    async with bus_on(made, QUICK) as (_, axes):
+        await asyncio.gather(*(axis.enable() for axis in axes))
+        askers = [asyncio.create_task(without_a_pause(question)) for axis in axes for question in asked(axis)]
+        async with asyncio.timeout(20):
+            assert await asyncio.gather(*(axis.move_to(2.0) for axis in axes)) == [2.0] * 8
+        for asker in askers:
+            asker.cancel()
+
+
+async def _urgencies(bus: Bus, question: Callable[[], Awaitable[Any]]) -> set[Urgency]:
+    records: list[Record] = []
+    unsubscribe = bus.subscribe(records.append)
+    await question()
+    unsubscribe()
+    return {record.urgency for record in records}
+
+
+@virtual
+async def test_questions_of_either_family_wait_behind_what_moves() -> None:
+    async with open_bus(VirtualLine(SimMks(1), SimZlac(2)), config=QUICK) as bus:
+        x, base = MksServo(bus, 1), Zlac8015d(bus, 2)
+        await base.set_up()
+        for question in (*questions_of(x), x.encoder, x.homed, x.status):
+            assert await _urgencies(bus, question) == {Urgency.POLL}
+        for question in (base.left.position, base.right.velocity, base.snapshot, base.status):
+            await asyncio.sleep(0.5)
+            assert await _urgencies(bus, question) == {Urgency.POLL}

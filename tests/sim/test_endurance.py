@@ -1,0 +1,37 @@
+"""Guarded drives on a line that is never idle, for a short while. The hour is a command in the README."""
+
+import pytest
+
+from rs485bus.sim.endurance import Endurance, Verdict
+
+
+@pytest.mark.parametrize(("loss", "seconds"), [(0.0, 10.0), (0.05, 10.0)])
+def test_31_drives_of_two_families_never_trip_and_are_fed_by_what_they_are_asked(loss: float, seconds: float) -> None:
+    verdict = Endurance(seconds, loss=loss).run()
+    assert verdict.faults == []
+    assert verdict.longest_unheard < 0.6
+    assert verdict.moves > 40
+    assert verdict.retries > 20 if loss else verdict.retries == 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"trips": 1}, "1 drives tripped"),
+        ({"misplaced": ["MKS 1 at 1.0000, sent to 2.0000"]}, "MKS 1 at 1.0000"),
+        ({"saved": 80, "feeds": 20}, "only 80.0%"),
+        ({"idle": 0.01}, "idle for 10.0 ms"),
+        ({"memory": [20_000, 30_000]}, "grew by 10000 kB"),
+        ({"moves": 0}, "nothing moved"),
+        ({"loss": 0.0}, "raised NoReply"),
+    ],
+)
+def test_what_is_wrong_is_named(wrong: dict[str, object], said: str) -> None:
+    fine = {"devices": 31, "loss": 0.05, "saved": 100, "moves": 1, "silence": 0.00175, "memory": [20_000, 20_100]}
+    verdict = Verdict(**fine)  # type: ignore[arg-type]
+    verdict.errors["a question raised NoReply"] = 1
+    assert verdict.faults == []
+    for name, value in wrong.items():
+        setattr(verdict, name, value)
+    (fault,) = verdict.faults
+    assert said in fault

@@ -25,8 +25,8 @@ def warn_of(escape: Watch) -> None:
     """Log that a device was heard only just before its watchdog would have stopped it."""
     _log.warning(
         "unit %d was unheard for %.3f s of the %g s of its watchdog: a margin of %.0f %%, %d feeds were sent. It "
-        "nearly tripped. Use a longer watchdog, and look in bus.stats for what is lost; an event loop that is blocked feeds "
-        "nothing.",
+        "nearly tripped. Use a longer watchdog, and look in bus.stats for what is lost; an event loop that is blocked "
+        "feeds nothing.",
         escape.address,
         escape.longest,
         escape.timeout,

@@ -37,9 +37,9 @@ class Profile:
     @property
     def duration(self) -> float:
         """Seconds from start to standing."""
-        if self.turns == 0:
-            return 0.0
         peak = self.peak
+        if peak == 0:
+            return 0.0  # nowhere to go, as far as numbers tell
         cruise = max(0.0, self.turns - self._ramp_turns(peak))
         return peak / self.up + peak / self._down + _MINUTE * cruise / peak
 

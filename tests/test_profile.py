@@ -31,6 +31,8 @@ def test_without_a_ramp_only_the_speed_counts() -> None:
 
 def test_a_move_of_nothing_takes_no_time() -> None:
     assert Profile(0, 600, 100).duration == 0
+    assert Profile(5e-324, 78, 50).duration == 0
+    assert Profile(5e-324, 78, math.inf).duration == pytest.approx(0)
 
 
 @given(turns, rpms, ramps)

@@ -24,9 +24,9 @@ _log = logging.getLogger("rs485bus")
 def warn_of(escape: Watch) -> None:
     """Log that a device was heard only just before its watchdog would have stopped it."""
     _log.warning(
-        "unit %d was unheard for %.3f s of the %g s of its watchdog: a margin of %.0f %%, %d feeds were sent. It "
-        "nearly tripped. Use a longer watchdog, and look in bus.stats for what is lost; an event loop that is blocked "
-        "feeds nothing.",
+        "unit %d was unheard for %.3f s of the %g s of its watchdog: a margin of %.0f %%, and %d feeds were sent. "
+        "It nearly tripped. Use a longer watchdog, and look in bus.stats for what is lost; an event loop that is "
+        "blocked feeds nothing.",
         escape.address,
         escape.longest,
         escape.timeout,

@@ -26,7 +26,7 @@ from rs485bus.bus.record import Record
 from rs485bus.bus.watch import Watchdog
 from rs485bus.devices.mks import MksServo
 from rs485bus.devices.zlac import Zlac8015d
-from rs485bus.errors import BusError, NoReply
+from rs485bus.errors import BusError, NoReply, OutcomeUnknown
 from rs485bus.sim.clock import VirtualClockLoop
 from rs485bus.sim.mks import SimMks
 from rs485bus.sim.noise import Noise
@@ -46,6 +46,8 @@ _MKS_RPM, _ZLAC_RPM = 600.0, 300.0
 _PAUSES = (0.2, 3.0)
 """Seconds between two moves of a drive, at least and at most."""
 _AFTER_AN_ERROR = 0.05
+_LOSSES = ("raised NoReply", "raised OutcomeUnknown")
+"""What may come of lost replies: something was lost three times, and it is said whether it may be repeated safely."""
 
 
 @dataclass
@@ -93,8 +95,7 @@ class Verdict:
     @property
     def faults(self) -> list[str]:
         """What is wrong; empty if nothing is."""
-        # Nothing was done, says NoReply: a read was lost three times.
-        unexpected = [what for what in self.errors if not (self.loss and what.endswith("raised NoReply"))]
+        unexpected = [what for what in self.errors if not (self.loss and what.split(":")[0].endswith(_LOSSES))]
         growth = self.memory[-1] - self.memory[0] if self.memory else 0
         found = {
             f"{self.trips} drives tripped": self.trips,
@@ -136,6 +137,12 @@ class Servo:
         self.axis = MksServo(bus, sim.address, rpm=_MKS_RPM, acceleration=2000)
         self.questions: tuple[Callable[[], Awaitable[object]], ...] = (self.axis.position, self.axis.running)
         self._sim = sim
+        self._zero = 0.0
+
+    async def begin_anew(self) -> None:
+        """Take where it stands for zero."""
+        await self.axis.set_zero()
+        self._zero = self._sim.shaft(self.axis.bus.now())
 
     async def move(self, rng: random.Random) -> list[tuple[float, float]]:
         """Move it, by either verb; return where it should be and where it is, in turns."""
@@ -155,7 +162,7 @@ class Servo:
         return self.axis.tolerance / self.axis.counts_per_turn
 
     def _at(self) -> float:
-        return self._sim.shaft(self.axis.bus.now())
+        return self._sim.shaft(self.axis.bus.now()) - self._zero
 
 
 class Base:
@@ -297,19 +304,22 @@ class Endurance:
                         self._verdict.misplaced.append(f"{drive.axis.name} at {position:.4f}, sent to {target:.4f}")
             except BusError as error:
                 self._failed("a move", error)
-                await self._enable(drive)
+                await self._recover(drive, error)
             else:
                 self._verdict.moves += 1
             await asyncio.sleep(rng.uniform(*_PAUSES))
 
-    async def _enable(self, drive: Servo | Base) -> None:
+    async def _recover(self, drive: Servo | Base, error: BusError) -> None:
+        """What an application does after a move failed."""
         try:
             await drive.axis.enable()
+            if isinstance(error, OutcomeUnknown) and isinstance(drive, Servo):
+                await drive.begin_anew()  # its drive might have restarted
         except BusError as error:
-            self._failed("an enable", error)
+            self._failed("a recovery", error)
 
     def _failed(self, what: str, error: BusError) -> None:
-        why = "" if type(error) is NoReply else f": {error}"
+        why = "" if isinstance(error, NoReply) else f": {error}"
         self._verdict.errors[f"{what} raised {type(error).__name__}{why}"] += 1
 
     async def _keep_the_time(self, bus: Bus) -> None:

@@ -9,7 +9,9 @@ import pytest
 from rs485bus import Bus, BusConfig, MksServo, Zlac8015d, open_bus
 from rs485bus.bus.job import Urgency
 from rs485bus.bus.record import Record
+from rs485bus.devices.move import MoveState
 from rs485bus.sim import SimMks, SimZlac, VirtualLine
+from rs485bus.wire.frames import READ_INPUT
 from tests.shell.support import bus_on, plant, virtual
 
 QUICK = BusConfig(reply_timeout=0.01)
@@ -62,3 +64,30 @@ async def test_questions_of_either_family_wait_behind_what_moves() -> None:
         for question in (base.left.position, base.right.velocity, base.snapshot, base.status):
             await asyncio.sleep(0.5)
             assert await _urgencies(bus, question) == {Urgency.POLL}
+
+
+@virtual
+async def test_an_answer_that_takes_longer_than_a_move_may_does_not_fail_it() -> None:
+    made = plant()
+    (sim,) = made.sims
+    async with bus_on(made, BusConfig(reply_timeout=0.4)) as (_, (x,)):
+        await x.enable()
+        answer, lost = sim.answer, []
+
+        def lose(pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
+            reply = answer(pdu, now, broadcast=broadcast)
+            if pdu[0] != READ_INPUT or len(lost) == 3:
+                return reply
+            lost.append(now)
+            return None
+
+        await x.move_to(0.0)
+        move = x.move_to(0.0625)
+        await asyncio.sleep(0.02)
+        assert move.state is MoveState.MOVING
+        sim.answer = lose  # type: ignore[method-assign]
+        assert await move == 0.0625
+        assert move.started_at is not None
+        assert move.eta is not None
+        assert len(lost) == 3
+        assert x.bus.now() > 2 * move.eta - move.started_at + 1

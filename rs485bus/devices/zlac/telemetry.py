@@ -11,7 +11,7 @@ _STILL_RPM = 1.0
 """Up to here a wheel that is held in place may seem to turn."""
 _SAME = 2
 """Counts by which a standing wheel may seem to move."""
-_RECENT, _OLD = 0.1, 0.5
+_RECENT, _OLD = 0.1, 2.0
 """Seconds within which a wheel that moved is taken to move still, and after which a position says nothing any more."""
 
 

@@ -7,43 +7,34 @@ a jump that cannot be explained (a drive that restarted counts from zero) ends t
 from __future__ import annotations
 
 import asyncio
-import logging
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import anyio
 
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.guarding import admit_watchdogs, arm
-from rs485bus.bus.handle import Handle, settle
+from rs485bus.bus.handle import settle
 from rs485bus.bus.job import Job
 from rs485bus.bus.motion import Motion
-from rs485bus.bus.stopping import Halted
+from rs485bus.devices.halting import Halting
 from rs485bus.devices.move import Move, MoveState
-from rs485bus.devices.orders import Orders
 from rs485bus.errors import (
     DeviceOffline,
     MotionError,
-    MoveCancelled,
     MoveFailed,
     MoveTimeout,
     NoReply,
     NotEnabled,
-    NotSent,
     OutcomeUnknown,
     RearmRequired,
     ReferenceLost,
     RequestFailed,
-    StopUnconfirmed,
 )
 from rs485bus.profile import Profile
 
-T = TypeVar("T")
-
-_log = logging.getLogger("rs485bus")
 _ATTEMPTS = 3
 _POLL_SHORTEST, _POLL_LONGEST = 0.01, 0.05
 _FRESH = 0.25
@@ -75,7 +66,7 @@ class Pace:
     ramp_code: int
 
 
-class Conduct(ABC):
+class Conduct(Halting):
     """One axis, as moves are carried out on it.
 
     Args:
@@ -91,12 +82,8 @@ class Conduct(ABC):
     """Whether a restart of the drive is noticed by what it says afterwards, not by its position alone."""
 
     def __init__(self, bus: Bus, attached: Attached, motion: Motion, name: str, tolerance: int) -> None:
-        self.bus = bus
-        self.attached = attached
-        self.motion = motion
-        self.name = name
+        super().__init__(bus, attached, motion, name)
         self.tolerance = tolerance
-        self._orders = Orders(bus, name, self._forget_plans)
         self._commanded: int | None = None
         """The target of the last move, if it was reached and nothing happened since."""
         self._seen: Look | None = None
@@ -106,27 +93,19 @@ class Conduct(ABC):
         """Why its positions are not to be trusted."""
         self._between: tuple[int, int] | None = None
         """From where to where a move went of which nobody knows what became."""
-        self._blocked = ""
-        """Why it moves only after `enable()`."""
-        self._running = False
-        """It was told to keep a speed."""
         self._way = (0, 0)
         """From where to where the move under way goes, in counts."""
         self._stands = asyncio.Event()
 
     # What families do
 
-    async def _set_up(self) -> None:  # noqa: B027 - some families have nothing to set up
+    async def _set_up(self) -> None:
         """Read and write what must be known and right before anything else. Called before each command: be quick
         where it is done already."""
 
     @abstractmethod
     async def _look(self, *, quick: bool = False) -> Look:
         """Ask the drive where the axis is, whether it moves and, unless it is to be `quick`, whether it is enabled."""
-
-    @abstractmethod
-    def _forget_plans(self) -> None:
-        """What is queued will not be carried out as it was planned."""
 
     @abstractmethod
     async def _read_velocity(self) -> float:
@@ -152,7 +131,7 @@ class Conduct(ABC):
     async def _why(self, look: Look, target: int) -> MotionError:
         """Why it stands where it should not, from what the drive reports."""
 
-    async def _meanwhile(self, move: Move) -> None:  # noqa: B027 - few families change what is under way
+    async def _meanwhile(self, move: Move) -> None:
         """Called during a move each time before the axis is looked at."""
 
     # Moves
@@ -422,77 +401,6 @@ class Conduct(ABC):
         if await armed:
             raise RearmRequired(f"{self.name}: its watchdog could not be armed again.")
 
-    # Stopping
-
-    def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
-        """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
-        halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
-        self._forget()
-        self._running = False
-        motion = motion or self.motion
-        self.bus.halt(self.attached, motion, emergency=emergency, told=lambda ended: settle(halted, ended))
-        return halted
-
-    async def _halted(self, halted: asyncio.Future[Halted]) -> Halted:
-        return await asyncio.shield(halted)
-
-    async def _stand_still(self) -> None:
-        """Stop what it was told before, with its ramp, and see it stand."""
-        halted = await self._halted(self._halt(emergency=False))
-        if not halted.standing:
-            raise self._unconfirmed()
-
-    def _stop_now(self, emergency: bool) -> Handle[None]:
-        self.bus.check_thread()
-        self._orders.interrupt(MoveCancelled(f"{self.name} was stopped."))
-        return self._begin_stop(emergency=emergency)
-
-    def _begin_stop(self, *, emergency: bool) -> Handle[None]:
-        """Have the owner stop it; nothing else begins before it was seen standing."""
-        handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
-
-        def told(future: asyncio.Future[Halted]) -> None:
-            if future.result().standing:
-                handle.finish(None)
-            else:
-                handle.fail(self._unconfirmed())
-
-        self._halt(emergency=emergency).add_done_callback(told)
-        self._orders.hold(handle)
-        return handle
-
-    def _unconfirmed(self) -> StopUnconfirmed:
-        self._blocked = "it was told to stop and could not be seen standing"
-        return StopUnconfirmed(
-            f"{self.name} was told to stop and could not be seen standing. Look at the machine; use the hard-wired "
-            "emergency stop. It moves only after enable()."
-        )
-
-    async def _block(self, why: str) -> None:
-        """It is not known what the axis does: stop it, and let it move only after `enable()`."""
-        self._blocked = why
-        await self._halted(self._halt(emergency=True))
-
-    def abandon(self, why: str) -> None:
-        """End everything that is queued. For the bus."""
-        self._orders.interrupt(MoveCancelled(f"{self.name}: {why}."))
-        self._forget()
-
-    def interrupted(self, error: MotionError | NotSent) -> None:
-        """The bus stopped the axis for safety, or lost it. For the bus."""
-        _log.warning("%s", error)
-        self._orders.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
-        self._forget()
-
-    def _was_interrupted(self, unheard: float, reason: str) -> None:
-        """The bus stopped the drive for safety, or lost it."""
-        if self.bus.owner.stations[self.attached.address].locked:
-            self.interrupted(
-                RearmRequired(f"{self.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
-            )
-        else:
-            self.interrupted(NotSent(f"{self.name}: {reason}. It is stopped as soon as the port is there again."))
-
     def told_standing(self) -> None:
         """The drive said, unasked by the axis, that it stands: worth a look."""
         self._stands.set()
@@ -506,8 +414,3 @@ class Conduct(ABC):
 
     def _near(self, a: int, b: int) -> bool:
         return abs(a - b) <= self.tolerance
-
-    def _check_rearm(self) -> None:
-        locked = self.bus.owner.stations[self.attached.address].locked or self._blocked
-        if locked:
-            raise RearmRequired(f"{self.name} moves only after enable(): {locked}.")

@@ -1,0 +1,121 @@
+"""How one axis is stopped, and what becomes of what it was told to do."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from abc import ABC, abstractmethod
+
+from rs485bus.bus.attached import Attached
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle, settle
+from rs485bus.bus.motion import Motion
+from rs485bus.bus.stopping import Halted
+from rs485bus.devices.orders import Orders
+from rs485bus.errors import MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
+
+_log = logging.getLogger("rs485bus")
+
+
+class Halting(ABC):
+    """One axis, as it is stopped. The owner does that, whatever becomes of who asked for it.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+    """
+
+    def __init__(self, bus: Bus, attached: Attached, motion: Motion, name: str) -> None:
+        self.bus = bus
+        self.attached = attached
+        self.motion = motion
+        self.name = name
+        self._orders = Orders(bus, name, self._forget_plans)
+        self._blocked = ""
+        """Why it moves only after `enable()`."""
+        self._running = False
+        """It was told to keep a speed."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Something happens to the axis: what was known of where it stands is over."""
+
+    @abstractmethod
+    def _forget_plans(self) -> None:
+        """What is queued will not be carried out as it was planned."""
+
+    def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
+        """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
+        halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
+        self._forget()
+        self._running = False
+        motion = motion or self.motion
+        self.bus.halt(self.attached, motion, emergency=emergency, told=lambda ended: settle(halted, ended))
+        return halted
+
+    async def _halted(self, halted: asyncio.Future[Halted]) -> Halted:
+        return await asyncio.shield(halted)
+
+    async def _stand_still(self) -> None:
+        """Stop what it was told before, with its ramp, and see it stand."""
+        halted = await self._halted(self._halt(emergency=False))
+        if not halted.standing:
+            raise self._unconfirmed()
+
+    def _stop_now(self, emergency: bool) -> Handle[None]:
+        self.bus.check_thread()
+        self._orders.interrupt(MoveCancelled(f"{self.name} was stopped."))
+        return self._begin_stop(emergency=emergency)
+
+    def _begin_stop(self, *, emergency: bool) -> Handle[None]:
+        """Have the owner stop it; nothing else begins before it was seen standing."""
+        handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
+
+        def told(future: asyncio.Future[Halted]) -> None:
+            if future.result().standing:
+                handle.finish(None)
+            else:
+                handle.fail(self._unconfirmed())
+
+        self._halt(emergency=emergency).add_done_callback(told)
+        self._orders.hold(handle)
+        return handle
+
+    def _unconfirmed(self) -> StopUnconfirmed:
+        self._blocked = "it was told to stop and could not be seen standing"
+        return StopUnconfirmed(
+            f"{self.name} was told to stop and could not be seen standing. Look at the machine; use the hard-wired "
+            "emergency stop. It moves only after enable()."
+        )
+
+    async def _block(self, why: str) -> None:
+        """It is not known what the axis does: stop it, and let it move only after `enable()`."""
+        self._blocked = why
+        await self._halted(self._halt(emergency=True))
+
+    def abandon(self, why: str) -> None:
+        """End everything that is queued. For the bus."""
+        self._orders.interrupt(MoveCancelled(f"{self.name}: {why}."))
+        self._forget()
+
+    def interrupted(self, error: MotionError | NotSent) -> None:
+        """The bus stopped the axis for safety, or lost it. For the bus."""
+        _log.warning("%s", error)
+        self._orders.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
+        self._forget()
+
+    def _was_interrupted(self, unheard: float, reason: str) -> None:
+        """The bus stopped the drive for safety, or lost it."""
+        if self.bus.owner.stations[self.attached.address].locked:
+            self.interrupted(
+                RearmRequired(f"{self.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
+            )
+        else:
+            self.interrupted(NotSent(f"{self.name}: {reason}. It is stopped as soon as the port is there again."))
+
+    def _check_rearm(self) -> None:
+        locked = self.bus.owner.stations[self.attached.address].locked or self._blocked
+        if locked:
+            raise RearmRequired(f"{self.name} moves only after enable(): {locked}.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Generator
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from rs485bus.bus.handle import Handle, settle
 from rs485bus.devices.move import Move
@@ -91,17 +91,12 @@ class Both(Generic[T]):
         Raises:
             RequestFailed, MotionError: why the first one failed that was not just taken along.
         """
-        results: list[T] = []
-        errors: list[Exception] = []
-        for part in (self.left, self.right):
-            try:
-                results.append(await part.wait())
-            except Exception as error:
-                errors.append(error)
+        # Both at once: neither is one that fails and nobody waits for.
+        left, right = await asyncio.gather(self.left.wait(), self.right.wait(), return_exceptions=True)
+        errors = [ended for ended in (left, right) if isinstance(ended, BaseException)]
         if errors:
             raise min(errors, key=lambda error: isinstance(error, MoveCancelled))
-        left, right = results
-        return left, right
+        return cast("tuple[T, T]", (left, right))
 
     def __await__(self) -> Generator[Any, None, tuple[T, T]]:
         return self.wait().__await__()

@@ -44,6 +44,20 @@ async def test_a_fault_of_one_wheel_in_the_middle_of_a_motion_stops_both(side: S
 
 
 @on_virtual_clock
+async def test_a_failure_of_either_wheel_that_is_awaited_is_not_logged_as_one_that_nobody_waits_for(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with plant() as p:
+        waiting = asyncio.ensure_future(p.base.move_to(10.0, 10.0).wait())
+        await asyncio.sleep(1.0)
+        p.sim.fail(Side.RIGHT, Fault.OVER_LOAD, p.now)
+        with pytest.raises(DriveFault):
+            await waiting
+        assert "failed:" not in caplog.text
+        await p.base.clear_faults()
+
+
+@on_virtual_clock
 async def test_a_fault_is_noticed_while_a_long_move_is_waited_for() -> None:
     async with plant() as p:
         move = p.base.left.move_to(100.0)

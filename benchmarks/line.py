@@ -23,6 +23,7 @@ import tty
 from collections import deque
 from dataclasses import dataclass
 
+from benchmarks.orphans import end_with_parent
 from benchmarks.setting import MARK, Setting
 from rs485bus.wire.frames import crc
 
@@ -163,6 +164,7 @@ def _microseconds(times: deque[int], quantile: float) -> float:
 
 
 def main() -> None:
+    end_with_parent()
     options = json.loads(sys.argv[1])
     core = options.pop("core", None)
     if core is not None:

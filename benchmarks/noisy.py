@@ -18,6 +18,7 @@ import signal
 import sys
 from typing import Any
 
+from benchmarks.orphans import end_with_parent
 from rs485bus.sim import Noise, SimDevice, SimMks, VirtualLine
 from rs485bus.sim.campaign import HOSTILE
 
@@ -74,5 +75,6 @@ async def serve(options: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     asyncio.run(serve(json.loads(sys.argv[1])))

@@ -1,7 +1,11 @@
 """A line and a client, each in a process of its own, find each other over a real pseudo-terminal."""
 
 import json
+import os
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -57,3 +61,18 @@ def test_the_command_leaves_a_table_and_json(
     results = json.loads((tmp_path / "results.json").read_text())
     assert {run["library"] for run in results["runs"]} == {"floor", "rs485bus"}
     assert (tmp_path / "results.md").exists()
+
+
+@pytest.mark.parametrize("module", ["benchmarks.line", "benchmarks.noisy"])
+def test_a_line_does_not_outlive_who_started_it(module: str) -> None:
+    start = f"print(Process({module!r}, {{}}).pid, flush=True)"
+    script = f"import os; from benchmarks.processes import Process; {start}; os._exit(1)"
+    done = subprocess.run((sys.executable, "-c", script), capture_output=True, text=True, timeout=30, check=False)
+    pid = int(done.stdout)
+    for _ in range(100):
+        stat = Path(f"/proc/{pid}/stat")
+        if not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] == "Z":
+            return
+        time.sleep(0.05)
+    os.kill(pid, signal.SIGKILL)
+    raise AssertionError("it went on")

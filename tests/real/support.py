@@ -50,10 +50,11 @@ async def running(*command: str, ready: str | None = None) -> AsyncIterator[asyn
     try:
         assert process.stdout is not None
         if ready is not None:
-            line = b""
+            said = line = b""
             while ready not in line.decode():
                 line = await asyncio.wait_for(process.stdout.readline(), 20)
-                assert line, f"{command[0]} ended before it was ready"
+                said += line
+                assert line, f"{command[0]} ended before it was ready: {said.decode()}"
         yield process
     finally:
         if process.returncode is None:

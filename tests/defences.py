@@ -365,6 +365,55 @@ DEFENCES = [
         "tests/real/test_interrupts_in_real_time.py",
     ),
     Defence(
+        "a move given while the cable is out, made when it is back",
+        "devices/axis.py",
+        "if not self.bus.connected:",
+        "if False:",
+        "tests/shell/test_wrong_input.py",
+    ),
+    Defence(
+        "a drive left turning by another program, enabled as it turns",
+        "devices/conduct.py",
+        "if self._enabled is None and await self._turns():",
+        "if False:",
+        "tests/shell/test_wrong_input.py",
+    ),
+    Defence(
+        "a turning drive set to zero",
+        "devices/conduct.py",
+        "if self._running or await self._turns():",
+        "if self._running:",
+        "tests/shell/test_wrong_input.py",
+    ),
+    Defence(
+        "a motor that goes on after an error that nobody foresaw",
+        "devices/orders.py",
+        "if not isinstance(error, BusError):",
+        "if False:",
+        "tests/shell/test_wrong_input.py",
+    ),
+    Defence(
+        "a restart while the port was lost",
+        "devices/halting.py",
+        "        if self.motion.may_move:\n            self._forget()",
+        "        if True:\n            self._forget()",
+        "tests/devices/mks/test_restarts.py",
+    ),
+    Defence(
+        "a block around a move, cancelled at its end, that lets it go on",
+        "devices/move.py",
+        "            except asyncio.CancelledError:\n                self.cancel()\n",
+        "            except asyncio.CancelledError:\n",
+        "tests/shell/test_handles.py",
+    ),
+    Defence(
+        "a stop on a closed bus that is waited for without end",
+        "devices/halting.py",
+        "if self.bus.owner.gate.closed:",
+        "if False:",
+        "tests/shell/test_wrong_input.py",
+    ),
+    Defence(
         "a watchdog left on because a few writes were lost",
         "bus/guarding.py",
         "internal=True, retries=_RETRIES)",
@@ -431,7 +480,7 @@ def main() -> int:
             print("seen  " if seen else "UNSEEN", defence.against, flush=True)
             if not seen:
                 unseen.append(defence)
-    print(f"{len(wanted) - len(unseen)} of {len(wanted)} defences were missed by a test when they were taken out")
+    print(f"{len(wanted) - len(unseen)} of {len(wanted)} defences were noticed to be missing when they were taken out")
     return 1 if unseen else 0
 
 

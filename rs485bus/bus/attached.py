@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from rs485bus.bus.motion import Motion
 from rs485bus.wire.frames import Request
@@ -103,3 +104,15 @@ class Attached(ABC):
     def interrupted(self, unheard: float, reason: str) -> None:
         """The bus stopped it for safety, or lost it: its watchdog may have tripped, the port was lost. It had been
         unheard for so many seconds."""
+
+
+class Member(Protocol):
+    """A facade on the bus, as what ends its moves sees it: closing, or the end of a watchdog block."""
+
+    attached: Attached
+
+    async def drain(self) -> None:
+        """Wait until nothing is queued or moving."""
+
+    def abandon(self, why: str) -> None:
+        """End everything that is queued."""

@@ -6,9 +6,9 @@ import asyncio
 import logging
 import threading
 from collections.abc import Callable, Coroutine
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
-from rs485bus.bus.attached import Attached
+from rs485bus.bus.attached import Attached, Member
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
 from rs485bus.bus.guarding import EmergencyReport, emergency_stop, shut_down
@@ -20,7 +20,7 @@ from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.stopping import Halted, Procedure
 from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.watch import Watchdog, warn_of
-from rs485bus.errors import AddressInUse, BusError, PortError, WrongThread
+from rs485bus.errors import AddressInUse, BusClosed, BusError, PortError, WrongThread
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
@@ -28,18 +28,6 @@ from rs485bus.wire.registers import Repeat
 T = TypeVar("T")
 
 _log = logging.getLogger("rs485bus")
-
-
-class Member(Protocol):
-    """A facade on the bus, as closing sees it."""
-
-    attached: Attached
-
-    async def drain(self) -> None:
-        """Wait until nothing is queued or moving."""
-
-    def abandon(self, why: str) -> None:
-        """End everything that is queued."""
 
 
 class Bus:
@@ -98,7 +86,12 @@ class Bus:
             LimitExceeded: its register cannot hold the time.
         """
         self.check_thread()
-        return Watchdog(self, [axis.attached for axis in axes], [axis.drain for axis in axes], timeout, lease)
+        for axis in axes:
+            if not hasattr(axis, "attached"):
+                raise TypeError(f"watchdog() guards axes, not {axis!r}: bus.watchdog(x, y, timeout=1.0)")
+        devices = [axis.attached for axis in axes]
+        members = [member for member in self._members if member.attached in devices]
+        return Watchdog(self, devices, members, timeout, lease)
 
     def emergency_stop(self) -> Handle[EmergencyReport]:
         """Stop every device as fast as it can, and let nothing move until `clear_emergency_stop()`.
@@ -107,6 +100,8 @@ class Bus:
         which devices were read to stand.
         """
         self.check_thread()
+        if self._owner.gate.closed:
+            raise BusClosed("The bus is closed: nothing can be stopped by it any more.")
         handle: Handle[EmergencyReport] = Handle("emergency stop")
         self._emergency = handle
         _log.warning("emergency stop")

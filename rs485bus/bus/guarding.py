@@ -5,6 +5,7 @@ They are the bus' own: a caller that is cancelled while it waits for one loses n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -57,10 +58,11 @@ def check_watchdog(attached: Attached, timeout: float) -> int:
             f"{attached.family} {attached.address} has no watchdog: it does not notice when the host is gone. "
             "Cut its power by a safety relay that something else watches."
         )
-    milliseconds = round(timeout * 1000)
+    is_time = isinstance(timeout, int | float) and math.isfinite(timeout)
+    milliseconds = round(timeout * 1000) if is_time else 0
     if not 1 <= milliseconds <= watchdog.highest:
         raise LimitExceeded(
-            f"A watchdog of {timeout} s is outside 0.001..{watchdog.highest / 1000:.10g} s for "
+            f"A watchdog of {timeout!r} s is outside 0.001..{watchdog.highest / 1000:.10g} s for "
             f"{attached.family} {attached.address}."
         )
     return milliseconds

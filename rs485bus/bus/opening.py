@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Generator
 from types import TracebackType
 from typing import Any, Literal
@@ -22,7 +23,7 @@ _SLOWEST_USUAL = 9600
 
 
 def open_bus(
-    port: str | Transport,
+    port: str | os.PathLike[str] | Transport,
     *,
     baudrate: int | None = None,
     parity: Parity = "N",
@@ -47,6 +48,8 @@ def open_bus(
         ValueError: a setting out of range, or a serial port without a baud rate.
         PortError: when it is entered or awaited; the message says what to do.
     """
+    if isinstance(port, os.PathLike):
+        port = os.fspath(port)
     if not isinstance(port, str):
         return Opening(lambda: port, config)
     if port.startswith("socket://"):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
 
-from rs485bus.bus.attached import Attached
+from rs485bus.bus.attached import Attached, Member
 from rs485bus.bus.failure import failure
 from rs485bus.bus.feeding import Watch
 from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, left_armed, release
@@ -61,7 +61,7 @@ class Watchdog:
         self,
         bus: Shell,
         devices: Sequence[Attached],
-        drains: Sequence[Callable[[], Awaitable[None]]],
+        members: Sequence[Member],
         timeout: float,
         lease: float | None,
     ) -> None:
@@ -69,7 +69,7 @@ class Watchdog:
         self._devices = list({device.address: device for device in devices}.values())
         if not self._devices:
             raise ValueError("watchdog() guards nothing: name the axes that it is to guard")
-        self._drains = drains
+        self._members = members
         self.timeout = timeout
         for device in self._devices:
             check_watchdog(device, timeout)
@@ -104,8 +104,8 @@ class Watchdog:
     ) -> Literal[False]:
         try:
             if error is None:
-                for drain in self._drains:
-                    await drain()
+                for member in self._members:
+                    await member.drain()
         finally:
             halted = await self._release()
         moving = [f"{device.family} {device.address}" for device in halted if not device.standing]
@@ -153,6 +153,8 @@ class Watchdog:
         if self._lease is not None:
             self._lease.end()
         self._hold(False)
+        for member in self._members:
+            member.abandon("its watchdog block was left")
         if bus.owner.gate.closed:
             return []  # closing the bus has released it
         released = asyncio.get_running_loop().create_future()

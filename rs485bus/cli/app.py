@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import signal
 from collections.abc import Callable, Coroutine, Iterator
 from typing import Annotated, Any, Optional
 
@@ -117,6 +118,8 @@ def _check_once(addresses: list[int]) -> None:
 
 def _run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> None:
     """Run a coroutine to its exit code, perhaps in virtual time; say what went wrong in words."""
+    # To be terminated is to be interrupted: the motors are stopped first.
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
         with asyncio.Runner(loop_factory=VirtualClockLoop if virtual else None) as runner:
             code = runner.run(make())

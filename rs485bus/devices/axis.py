@@ -18,7 +18,7 @@ from rs485bus.bus.motion import Motion
 from rs485bus.bus.watch import Watchdog
 from rs485bus.devices.conduct import Conduct, Look, Pace
 from rs485bus.devices.move import Move
-from rs485bus.errors import EmergencyStopped, LimitExceeded, MoveCancelled
+from rs485bus.errors import EmergencyStopped, LimitExceeded, MoveCancelled, NotSent
 
 T = TypeVar("T")
 
@@ -225,6 +225,11 @@ class Axis(Conduct):
     def _to_units(self, counts: int) -> float:
         return self._sign * counts / self.counts_per_turn * self.units_per_turn
 
+    def _check_time(self, what: str, seconds: float) -> None:
+        """Raise `LimitExceeded` for what is no time that one could wait."""
+        if not (isinstance(seconds, int | float) and 0 < seconds < math.inf):
+            raise LimitExceeded(f"{self.name}: {what} {seconds!r} is not a time above 0 s")
+
     def _check_limits(self, position: float) -> None:
         """Raise `LimitExceeded` for a position that the axis' limits do not allow."""
         half = self.units_per_turn / self.counts_per_turn / 2
@@ -256,7 +261,12 @@ class Axis(Conduct):
         return handle
 
     def _check_ready(self) -> None:
-        self.bus.check_thread()
+        self.check_open()
+        if not self.bus.connected:
+            raise NotSent(
+                f"{self.name}: the port is lost. What is asked for now would happen whenever it is there again: wait "
+                "for bus.connected, then ask again."
+            )
         if self.bus.latched:
             raise EmergencyStopped(
                 f"{self.name}: the bus is latched by an emergency stop. clear_emergency_stop(), then enable() the axis."

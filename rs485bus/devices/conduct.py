@@ -107,6 +107,10 @@ class Conduct(Halting):
     async def _look(self, *, quick: bool = False) -> Look:
         """Ask the drive where the axis is, whether it moves and, unless it is to be `quick`, whether it is enabled."""
 
+    async def _turns(self) -> bool:
+        """Whether the motor turns, whoever told it to."""
+        return (await self._look(quick=True)).moving
+
     @abstractmethod
     async def _read_velocity(self) -> float:
         """rpm, in the drive's direction."""
@@ -343,6 +347,7 @@ class Conduct(Halting):
         station = self.bus.owner.stations[self.attached.address]
         if station.lapsed:
             raise RearmRequired(f"{self.name} was stopped because {station.locked}: renew() the lease, then enable().")
+        stood = None if self.motion.may_move else self._seen
         if station.locked or self._blocked or station.halt is not None:
             halted = await self._halted(self._halt(emergency=True, motion=self.attached.motion))
             if not halted.standing:
@@ -351,11 +356,14 @@ class Conduct(Halting):
             if station.rearm is not None:
                 await self._rearm(station.rearm)
         await self._set_up()
+        if self._enabled is None and await self._turns():
+            # Another program left it turning.
+            await self._stand_still()
         await self._send_enable(True)
         look = await self._look()
         if not look.enabled:
             raise NotEnabled(f"{self.name} was told to enable its motor, and says that it is not enabled.")
-        if self._enabled and self._seen is not None and not self._near(look.position, self._seen.position):
+        if self._enabled and stood is not None and not self._near(look.position, stood.position):
             self._lost = "it stands elsewhere than it stood, and nobody moved it."
         if self._between is not None and not self._is_plausible(look.position, *self._between):
             self._lost = (
@@ -380,9 +388,9 @@ class Conduct(Halting):
         self._forget()
 
     async def _carry_out_zero(self) -> None:
-        if self._running:
-            await self._stand_still()
         await self._set_up()
+        if self._running or await self._turns():
+            await self._stand_still()
         await self._send_zero()
         self._zeroed(await self._look())
 

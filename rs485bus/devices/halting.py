@@ -12,7 +12,7 @@ from rs485bus.bus.handle import Handle, settle
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.stopping import Halted
 from rs485bus.devices.orders import Orders
-from rs485bus.errors import MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
+from rs485bus.errors import BusClosed, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
 
 _log = logging.getLogger("rs485bus")
 
@@ -32,7 +32,7 @@ class Halting(ABC):
         self.attached = attached
         self.motion = motion
         self.name = name
-        self._orders = Orders(bus, name, self._forget_plans)
+        self._orders = Orders(bus, name, self._forget_plans, lambda: self._begin_stop(emergency=True))
         self._blocked = ""
         """Why it moves only after `enable()`."""
         self._running = False
@@ -64,8 +64,14 @@ class Halting(ABC):
         if not halted.standing:
             raise self._unconfirmed()
 
-    def _stop_now(self, emergency: bool) -> Handle[None]:
+    def check_open(self) -> None:
+        """Raise `BusClosed` if the bus is closed, and `WrongThread` for a call from another thread."""
         self.bus.check_thread()
+        if self.bus.owner.gate.closed:
+            raise BusClosed(f"{self.name}: the bus is closed.")
+
+    def _stop_now(self, emergency: bool) -> Handle[None]:
+        self.check_open()
         self._orders.interrupt(MoveCancelled(f"{self.name} was stopped."))
         return self._begin_stop(emergency=emergency)
 
@@ -104,7 +110,8 @@ class Halting(ABC):
         """The bus stopped the axis for safety, or lost it. For the bus."""
         _log.warning("%s", error)
         self._orders.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
-        self._forget()
+        if self.motion.may_move:
+            self._forget()  # else it stands where it stood, unless its drive restarts
 
     def _was_interrupted(self, unheard: float, reason: str) -> None:
         """The bus stopped the drive for safety, or lost it."""

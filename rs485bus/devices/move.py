@@ -97,7 +97,12 @@ class Move(Handle[float]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> Literal[False]:
         if error is None:
-            await self.wait()
+            try:
+                await self.wait()
+            except asyncio.CancelledError:
+                self.cancel()
+                self.seen = True
+                raise
         else:
             self.cancel()
             self.seen = True

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.errors import MotionError, MoveCancelled, QueueFull
+from rs485bus.errors import BusError, MotionError, MoveCancelled, QueueFull
 
 T = TypeVar("T")
 
@@ -26,12 +26,14 @@ class Orders:
         bus: carries the task.
         name: the axis, in messages.
         upset: told when what is queued is not carried out as it was planned.
+        stop: stops the axis; called when a command ends in an error that nobody foresaw.
     """
 
-    def __init__(self, bus: Bus, name: str, upset: Callable[[], None]) -> None:
+    def __init__(self, bus: Bus, name: str, upset: Callable[[], None], stop: Callable[[], object]) -> None:
         self._bus = bus
         self._name = name
         self._upset = upset
+        self._stop = stop
         self._waiting: deque[tuple[Handle[Any], Callable[[], Awaitable[Any]]]] = deque()
         self._current: Handle[Any] | None = None
         self._worker: asyncio.Task[None] | None = None
@@ -116,6 +118,8 @@ class Orders:
                     self._failed = handle
                     handle.fail(error)
                     self._cancel_waiting(MoveCancelled(f"Cancelled: {handle.what} failed before it ({error})."))
+                    if not isinstance(error, BusError):
+                        self._stop()  # what it had begun would go on, and nobody would look at it
                 else:
                     self._current = None
                     handle.finish(result)

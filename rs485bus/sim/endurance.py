@@ -368,7 +368,7 @@ def main() -> int:
     )
     verdict = run.run()
     print("\r\033[K" if terminal else "", verdict, sep="")
-    for fault in verdict.faults:
+    for fault in verdict.faults or ["nothing"]:
         print("wrong:", fault)
     return 1 if verdict.faults else 0
 

@@ -132,6 +132,11 @@ class VirtualPort:
         import pty
         import tty
 
+        self._link = None if link is None else Path(link)
+        if self._link is not None and self._link.exists() and not self._link.is_symlink():
+            raise ValueError(f"{self._link} is there, and is no symbolic link: name another place for the link")
+        if self._link is not None and not self._link.parent.is_dir():
+            raise ValueError(f"there is no folder {self._link.parent} for the link")
         self._line = line
         self._loop = asyncio.get_running_loop()
         self._master, self._slave = pty.openpty()
@@ -139,7 +144,6 @@ class VirtualPort:
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
         """What to open."""
-        self._link = None if link is None else Path(link)
         if self._link is not None:
             self._link.unlink(missing_ok=True)
             self._link.symlink_to(self.path)

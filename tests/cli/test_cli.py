@@ -99,7 +99,8 @@ def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_p
 
 
 @posix
-def test_ctrl_c_in_the_demo_stops_every_axis_and_says_so() -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_in_the_demo_stops_every_axis_and_says_so(number: signal.Signals) -> None:
     async def main() -> None:
         sims = [SimMks(address, machine=Machine(home_switch=-1.0)) for address in (1, 2)]
         line = VirtualLine(*sims, baudrate=115200)
@@ -112,7 +113,7 @@ def test_ctrl_c_in_the_demo_stops_every_axis_and_says_so() -> None:
                         break
                     await asyncio.sleep(0.05)
                 await asyncio.sleep(0.2)
-                process.send_signal(signal.SIGINT)
+                process.send_signal(number)
                 output, _ = await asyncio.wait_for(process.communicate(), 10)
             assert b"Every axis was stopped and seen standing." in output
             assert process.returncode == 130
@@ -120,3 +121,13 @@ def test_ctrl_c_in_the_demo_stops_every_axis_and_says_so() -> None:
             assert [sim.watchdog_ms for sim in sims] == [0, 0]
 
     in_real_time(main)
+
+
+@posix
+def test_sim_replaces_no_file_by_its_link(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.py"
+    mine.write_text("x = 1")
+    result = call("sim", "--link", str(mine))
+    assert result.returncode == 1
+    assert "no symbolic link" in " ".join(result.stderr.split())
+    assert mine.read_text() == "x = 1"

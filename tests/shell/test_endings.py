@@ -8,7 +8,7 @@ import anyio
 import pytest
 
 from rs485bus import Bus, BusConfig, MksServo, open_bus
-from rs485bus.errors import MotionError, MoveFailed, WatchdogInUse
+from rs485bus.errors import MotionError, MoveCancelled, MoveFailed, WatchdogInUse
 from rs485bus.sim import SimMks, VirtualClockLoop
 from tests.shell.support import Plant, bus_on, plant, virtual
 
@@ -222,6 +222,21 @@ async def test_cancelled_in_the_middle_of_arming() -> None:
     with pytest.raises(asyncio.CancelledError):
         await task
     done(made)
+
+
+@virtual
+async def test_a_move_that_its_watchdog_block_ended_is_cancelled_and_no_fault() -> None:
+    made = plant(1)
+    async with bus_on(made) as (bus, (x,)):
+        await x.enable()
+        with pytest.raises(Boom):
+            async with bus.watchdog(x, timeout=0.5):
+                move = x.move_to(50.0)
+                await asyncio.sleep(0.5)
+                raise Boom
+        with pytest.raises(MoveCancelled, match="its watchdog block was left"):
+            await move
+        assert made.stands()
 
 
 @virtual

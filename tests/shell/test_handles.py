@@ -170,6 +170,19 @@ async def test_a_block_around_a_move_that_raises_stops_the_axis() -> None:
 
 
 @virtual
+async def test_a_block_around_a_move_that_is_cancelled_at_its_end_stops_the_axis() -> None:
+    made = plant()
+    async with bus_on(made) as (_, (x,)):
+        x.enable()
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(1.0), x.move_to(50.0):
+                pass
+        await asyncio.sleep(2.0)
+        assert made.stands()
+        assert await x.position() < 49.0
+
+
+@virtual
 async def test_positions_follow_a_move_to_its_end() -> None:
     async with bus_on(plant()) as (_, (x,)):
         x.enable()

@@ -2,6 +2,8 @@
 
 import asyncio
 import threading
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +18,7 @@ from rs485bus.errors import (
     LimitExceeded,
     NoReply,
     NotEnabled,
+    NotSent,
     OutcomeUnknown,
     PortNotFound,
     QueueFull,
@@ -313,3 +316,99 @@ async def test_a_broadcast_that_another_family_would_act_on() -> None:
             await bus.broadcast.write_register(0x91, 1, family="MKS")
         await bus.broadcast.write_register(0x4000, 1)  # nobody listens
         await usable(x)
+
+
+@virtual
+async def test_while_the_port_is_lost_nothing_that_moves_is_taken() -> None:
+    made = plant()
+    async with bus_on(made) as (_, (x,)):
+        await x.enable()
+        made.line.unplug()
+        await asyncio.sleep(0.5)
+        for verb in (lambda: x.move_to(3.0), lambda: x.move_by(1.0), lambda: x.run(60), x.home, x.enable, x.set_zero):
+            with pytest.raises(NotSent, match="the port is lost"):
+                verb()
+        stop = x.stop()
+        made.line.plug()
+        await stop
+        await asyncio.sleep(2.0)
+        assert made.stands()
+        await usable(x)
+
+
+@virtual
+async def test_a_closed_bus_says_so_to_who_stops_by_it() -> None:
+    made = plant()
+    async with bus_on(made) as (bus, (x,)):
+        await x.enable()
+    for verb in (x.stop, x.emergency_stop, bus.emergency_stop, x.enable):
+        with pytest.raises(BusClosed):
+            verb()
+    await bus.drain()
+
+
+@virtual
+async def test_a_drive_that_another_program_left_turning_is_stopped_first() -> None:
+    made = plant()
+    async with bus_on(made, BusConfig(leave_running=True)) as (_, (x,)):
+        await x.enable()
+        await x.run(300)
+    assert not made.stands()
+    async with bus_on(made) as (_, (x,)):
+        await x.enable()
+        assert made.stands()
+        assert await x.move_by(1.0)
+
+
+@virtual
+async def test_a_drive_that_turns_is_stopped_before_it_is_set_to_zero() -> None:
+    made = plant()
+    async with bus_on(made, BusConfig(leave_running=True)) as (_, (x,)):
+        await x.enable()
+        await x.run(300)
+    async with bus_on(made) as (_, (x,)):
+        await x.set_zero()
+        assert made.stands()
+        assert await x.position() == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("timeout", [None, "5", float("nan"), float("inf"), 0, -1])
+@virtual
+async def test_a_time_that_is_none_is_refused_before_anything_is_sent(timeout: Any) -> None:
+    made = plant()
+    async with bus_on(made) as (bus, (x,)):
+        await x.enable()
+        before = bus.stats.transactions
+        for verb in (lambda: x.home(timeout=timeout), lambda: x.watchdog(timeout)):
+            with pytest.raises(LimitExceeded):
+                verb()
+        assert bus.stats.transactions == before
+
+
+@virtual
+async def test_an_error_that_nobody_foresaw_stops_the_axis() -> None:
+    made = plant()
+    with pytest.raises(ExceptionGroup):
+        async with bus_on(made) as (_, (x,)):
+            await x.enable()
+            move = x.move_to(50.0)
+            await asyncio.sleep(0.5)
+            x._near = lambda a, b: a < "b"  # type: ignore[assignment,method-assign,operator]
+            await asyncio.sleep(60.0)
+            assert isinstance(move.error, TypeError)
+            assert made.stands()
+
+
+@virtual
+async def test_what_is_no_axis_is_not_guarded() -> None:
+    async with bus_on(plant()) as (bus, (x,)):
+        with pytest.raises(TypeError, match=r"guards axes, not \[<MKS 1>\]"):
+            bus.watchdog([x], timeout=1.0)  # type: ignore[arg-type]
+
+
+def test_a_path_is_a_port() -> None:
+    async def main() -> None:
+        with pytest.raises(PortNotFound, match="/dev/ttyNOPE"):
+            await open_bus(Path("/dev/ttyNOPE"), baudrate=9600)
+
+    asyncio.run(main())

@@ -58,6 +58,7 @@ class MksOrigin(MksDrive):
         return self._seek("return to zero", [], _Search(GoHome.COORDINATE, None, timeout))
 
     def _seek(self, what: str, frames: Sequence[Request], search: _Search) -> Move:
+        self._check_time("timeout", search.timeout)
         move = self._new_move(what, 0.0)
         self._planned = 0.0
         self._orders.add(move, lambda: self._carry_out_search(move, frames, search))

@@ -63,6 +63,7 @@ class TlrHoming(TlrDrive):
         Raises:
             LimitExceeded: a value is out of its range; nothing is queued.
         """
+        self._check_time("timeout", timeout)
         if homing is not None:
             r.HOMING.encode(homing.mode, homing.rpm, homing.creep_rpm, homing.ramp_ms, 0)
             if not (homing.rpm and homing.creep_rpm):

@@ -156,6 +156,9 @@ class TlrKnowledge(Retargeting):
         enabled = StatusWord.ENABLED in report.status if self.enabled_bit else self._energised is True
         return TlrLook(at, report.position, report.moving, enabled, report, restarted)
 
+    async def _turns(self) -> bool:
+        return (await self.report()).moving
+
     async def _read_position(self) -> int:
         await self._set_up()
         position = (await self.report(Urgency.POLL)).position

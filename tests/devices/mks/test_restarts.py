@@ -153,3 +153,18 @@ async def test_a_run_for_a_time_that_is_lost_on_a_turning_motor_ends_with_the_mo
             await on.axis.run(200, duration=1.0)
         await anyio.sleep(2)
         assert not on.sim.moving(on.bus.now())
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarted_while_the_port_was_lost_does_not_travel() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.set_zero()
+        await on.axis.move_to(5.0)
+        on.line.unplug()
+        on.sim.restart(on.bus.now())
+        await anyio.sleep(1)
+        on.line.plug()
+        await anyio.sleep(1)
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_to(6.0)
+        assert on.shaft == pytest.approx(5.0, abs=1e-3)

@@ -391,11 +391,10 @@ async def test_an_error_that_nobody_foresaw_stops_the_axis() -> None:
     with pytest.raises(ExceptionGroup):
         async with bus_on(made) as (_, (x,)):
             await x.enable()
-            move = x.move_to(50.0)
-            await asyncio.sleep(0.5)
-            x._near = lambda a, b: a < "b"  # type: ignore[assignment,method-assign,operator]
-            await asyncio.sleep(60.0)
-            assert isinstance(move.error, TypeError)
+            x._read_velocity = lambda: 1 / 0  # type: ignore[method-assign]
+            run = x.run(300)
+            await asyncio.sleep(5.0)
+            assert isinstance(run.error, ZeroDivisionError)
             assert made.stands()
 
 

@@ -1,7 +1,7 @@
 """Measures how near this library and others come to the limit of the wire.
 
 python -m benchmarks            all of it; takes an hour or so
-python -m benchmarks --quick    a glance, in under half a minute
+python -m benchmarks --quick    a glance, in a minute or two
 """
 
 from __future__ import annotations

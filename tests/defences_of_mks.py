@@ -52,7 +52,7 @@ MKS = [
     Defence(
         "MKS: a relative move repeated before the first one can have started",
         "devices/conduct.py",
-        "        await anyio.sleep(max(0.0, self.motion.commanded_at + self.attached.start_grace - self.bus.now()))\n",
+        "        await anyio.sleep(max(0.0, self.attached.may_start_until(self.motion) - self.bus.now()))\n",
         "",
         _TESTS + "test_moves.py",
     ),

@@ -81,6 +81,10 @@ class Attached(ABC):
     def judgement(self, motion: Motion) -> Judgement:
         """A new judge of whether it, or the part of it named, stands."""
 
+    def may_start_until(self, motion: Motion) -> float:
+        """Until when what was sent last to a part of it may set that in motion, though it reports that it stands."""
+        return motion.commanded_at + self.start_grace
+
     @abstractmethod
     def hears(self, request: Request) -> bool:
         """Whether it would act on this request if it were broadcast."""

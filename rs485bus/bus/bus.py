@@ -17,7 +17,7 @@ from rs485bus.bus.job import Job, Outcome, Urgency
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.record import BusStats, Record
-from rs485bus.bus.stopping import Halted, Procedure
+from rs485bus.bus.stopping import Halted, Procedure, unconfirmed
 from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.watch import Watchdog, warn_of
 from rs485bus.errors import AddressInUse, BusClosed, BusError, PortError, WrongThread
@@ -369,8 +369,7 @@ class Bus:
         await outlast(self._loop.create_task(self._transport.close()))
 
     def _give_up(self, stopped: asyncio.Future[list[Halted]]) -> None:
-        moving = [device for device in self.devices if device.motion.may_move]
-        settle(stopped, [Halted(device.address, device.family, False, 0) for device in moving])
+        settle(stopped, unconfirmed(self.devices))
 
     def _wake(self) -> None:
         """The alarm went off."""

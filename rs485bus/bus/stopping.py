@@ -9,7 +9,7 @@ resumed with what came of it. They belong to no task, so nothing can cancel them
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Any, TypeVar, Union
 
@@ -43,6 +43,11 @@ class Halted:
     """It was read, after the stop, that it stands. False: look at the machine, use the hard-wired stop."""
     stops: int
     """How many stop frames were sent."""
+
+
+def unconfirmed(devices: Iterable[Attached]) -> list[Halted]:
+    """How those devices ended up that may move still, when they are waited for no longer."""
+    return [Halted(device.address, device.family, False, 0) for device in devices if device.motion.may_move]
 
 
 class Halt:
@@ -145,7 +150,7 @@ class Halt:
                 if look.outcome is Outcome.REPLY and look.answered_since >= self._sent_at:
                     attached.told(request, look.reply, look.answered_since)
                     standing = judge.see(request, look.reply, look.answered_since)
-                    settled = self.motion.commanded_at + attached.start_grace
+                    settled = attached.may_start_until(self.motion)
                     if standing and look.answered_since >= settled:
                         return order == self._orders
                     if standing is False and not self._acknowledged:

@@ -14,11 +14,24 @@ from rs485bus.bus.failure import failure
 from rs485bus.bus.feeding import Watch
 from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, left_armed, release
 from rs485bus.bus.handle import outlast, settle
+from rs485bus.bus.job import Job
 from rs485bus.bus.shell import Shell
-from rs485bus.bus.stopping import Halted
+from rs485bus.bus.stopping import Halted, unconfirmed
 from rs485bus.errors import StopUnconfirmed, WatchdogInUse
 
 _log = logging.getLogger("rs485bus")
+
+
+async def admit_and_arm(bus: Shell, device: Attached, timeout: float) -> bool:
+    """Arm one device outside of a block, and feed it from then on. False if it could not be armed.
+
+    Raises:
+        WatchdogInfeasible: it could not be fed in time.
+    """
+    admit_watchdogs(bus.owner, [device], timeout)
+    armed: asyncio.Future[list[Job]] = asyncio.get_running_loop().create_future()
+    bus.start(arm(bus.owner, [device], timeout), lambda failed: settle(armed, failed))
+    return not await armed
 
 
 def warn_of(escape: Watch) -> None:
@@ -143,10 +156,6 @@ class Watchdog:
         for device in self._devices:
             self._bus.owner.stations[device.address].guarded = guarded
 
-    def _unconfirmed(self) -> list[Halted]:
-        moving = [device for device in self._devices if device.motion.may_move]
-        return [Halted(device.address, device.family, standing=False, stops=0) for device in moving]
-
     async def _release(self) -> list[Halted]:
         """Stop, confirm, restore: the bus' own job. However often the caller is cancelled, it waits for it."""
         bus = self._bus
@@ -159,7 +168,7 @@ class Watchdog:
             return []  # closing the bus has released it
         released = asyncio.get_running_loop().create_future()
         bus.start(release(bus.owner, self._devices), lambda halted: settle(released, halted))
-        bound = bus.after(bus.config.close_timeout, lambda: settle(released, self._unconfirmed()))
+        bound = bus.after(bus.config.close_timeout, lambda: settle(released, unconfirmed(self._devices)))
         cancelled = await outlast(released)
         bound.cancel()
         if cancelled is not None:

@@ -15,10 +15,8 @@ import anyio
 
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.guarding import admit_watchdogs, arm
-from rs485bus.bus.handle import settle
-from rs485bus.bus.job import Job
 from rs485bus.bus.motion import Motion
+from rs485bus.bus.watch import admit_and_arm
 from rs485bus.devices.halting import Halting
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.errors import (
@@ -306,7 +304,7 @@ class Conduct(Halting):
 
     async def _grace(self) -> None:
         """Wait until what was sent last has set the motor in motion, if it does."""
-        await anyio.sleep(max(0.0, self.motion.commanded_at + self.attached.start_grace - self.bus.now()))
+        await anyio.sleep(max(0.0, self.attached.may_start_until(self.motion) - self.bus.now()))
 
     async def _arrive(self, move: Move, arrived: Callable[[Look], bool]) -> Look:
         """Wait until the motor stands; look when it should, not all the time."""
@@ -328,7 +326,7 @@ class Conduct(Halting):
                 self._suspect("its drive stopped answering and may have restarted.")
                 await self._block(f"its drive stopped answering during {move.what}")
                 raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
-            grace = self.motion.commanded_at + self.attached.start_grace
+            grace = self.attached.may_start_until(self.motion)
             if look is not None and not look.moving and (arrived(look) or look.at > grace):
                 self.motion.stands(look.at)
                 return look
@@ -403,10 +401,7 @@ class Conduct(Halting):
         self._commanded, self._seen = 0, look
 
     async def _rearm(self, timeout: float) -> None:
-        admit_watchdogs(self.bus.owner, [self.attached], timeout)
-        armed: asyncio.Future[list[Job]] = asyncio.get_running_loop().create_future()
-        self.bus.start(arm(self.bus.owner, [self.attached], timeout), lambda failed: settle(armed, failed))
-        if await armed:
+        if not await admit_and_arm(self.bus, self.attached, timeout):
             raise RearmRequired(f"{self.name}: its watchdog could not be armed again.")
 
     def told_standing(self) -> None:

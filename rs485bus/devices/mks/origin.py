@@ -135,7 +135,7 @@ class MksOrigin(MksDrive):
             ended, homed = False, (Homed.NOT_DONE, Homed.NOT_DONE)
             try:
                 look, homed = await self._look(quick=True), await self._read_homed()
-                begun = self.motion.commanded_at + self.attached.start_grace
+                begun = self.attached.may_start_until(self.motion)
                 ended = not look.moving and look.at > begun and Homed.UNDER_WAY not in homed
             except NoReply:
                 pass

@@ -98,7 +98,7 @@ class TlrDrive(TlrKnowledge):
     async def _see_it_start(self, target: int | None) -> None:
         """The drive took a trigger: see that it moves, or is there already."""
         look = None
-        while look is None or look.at < self.motion.commanded_at + self._drive.start_grace:
+        while look is None or look.at < self.attached.may_start_until(self.motion):
             try:
                 look = await self._look(quick=True)
             except RequestFailed:

@@ -7,9 +7,7 @@ import asyncio
 import logging
 from dataclasses import dataclass
 
-from rs485bus.bus.guarding import admit_watchdogs, arm
-from rs485bus.bus.handle import settle
-from rs485bus.bus.job import Job
+from rs485bus.bus.watch import admit_and_arm
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.driver import ZlacDriver
 from rs485bus.devices.zlac.values import Brake, ControlMode, PowerOnShaft, Side, Synchrony
@@ -150,10 +148,8 @@ async def _watchdog(driver: ZlacDriver, remarks: list[str]) -> int:
             "its watchdog is off (0x2000): its wheels go on turning when this program or the cable fails. "
             "Move it within `async with bus.watchdog(...)`"
         )
-    elif bus.owner.feeding.get(attached.address) is None:
-        admit_watchdogs(bus.owner, [attached], milliseconds / 1000)
-        armed: asyncio.Future[list[Job]] = asyncio.get_running_loop().create_future()
-        bus.start(arm(bus.owner, [attached], milliseconds / 1000), lambda failed: settle(armed, failed))
-        if await armed:
-            raise NoReply(f"{driver.name} stopped answering while it was set up.", address=attached.address)
+        return milliseconds
+    fed = bus.owner.feeding.get(attached.address) is not None
+    if not fed and not await admit_and_arm(bus, attached, milliseconds / 1000):
+        raise NoReply(f"{driver.name} stopped answering while it was set up.", address=attached.address)
     return milliseconds

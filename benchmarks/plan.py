@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from benchmarks.clients.registry import LIBRARIES, OURS
+from benchmarks.clients.registry import FLOOR, LIBRARIES, OURS
 from benchmarks.setting import Setting
 from benchmarks.tasks.task import Task
 
@@ -90,7 +90,7 @@ def _waiting(scale: Scale) -> Iterator[Measurement]:
 def _faulty(scale: Scale) -> Iterator[Measurement]:
     for repetition in range(scale.repeats):
         for library in scale.libraries:
-            if library != "floor":  # it believes everything
+            if library != FLOOR:  # it believes everything
                 task = Task(library=library, name="faulty", seconds=scale.faulty, seed=repetition + 1)
                 yield Measurement("faulty", task, NOISY, repetition)
 
@@ -106,8 +106,9 @@ def _watched(scale: Scale) -> Iterator[Measurement]:
 def _idle(scale: Scale) -> Iterator[Measurement]:
     for repetition in range(scale.repeats):
         for drives in (1, 4, 16):
-            task = Task(library=OURS, name="idle", seconds=scale.idle, amount=drives)
-            yield Measurement("idle", task, SERVOS, repetition)
+            for library in {OURS, FLOOR} & set(scale.libraries):
+                task = Task(library=library, name="idle", seconds=scale.idle, amount=drives)
+                yield Measurement("idle", task, SERVOS, repetition)
 
 
 def _memory(scale: Scale) -> Iterator[Measurement]:

@@ -240,8 +240,29 @@ DEFENCES = [
     Defence(
         "a watchdog that is fed too late because others are due as well",
         "bus/feeding.py",
-        "start = min(start, watch.due - before)",
-        "start = min(start, watch.due)",
+        "at = watch.due - before",
+        "at = watch.due",
+        "tests/bus/test_feeding.py",
+    ),
+    Defence(
+        "feeding earlier than need be because feeds are thought to take long",
+        "bus/feeding.py",
+        "            watch.takes += (took - watch.takes) / 4\n",
+        "            pass\n",
+        "tests/bus/test_feeding.py",
+    ),
+    Defence(
+        "feeding early what is not due soon",
+        "bus/feeding.py",
+        "if early <= now and watch.retry_at",
+        "if watch.retry_at",
+        "tests/bus/test_feeding.py",
+    ),
+    Defence(
+        "feeding early before what somebody asked for",
+        "bus/owner.py",
+        "watch = self.feeding.due(self.now)\n",
+        "watch = self.feeding.due(self.now) or self.feeding.soon(self.now)\n",
         "tests/bus/test_feeding.py",
     ),
     Defence(

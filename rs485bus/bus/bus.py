@@ -48,6 +48,7 @@ class Bus:
         self._pumping = False
         self._again = False
         self._woken = False
+        self._wakes_at = float("inf")
         self._units: dict[int, Unit] = {}
         self._members: list[Member] = []
         self._unseen: list[Handle[Any]] = []
@@ -385,7 +386,11 @@ class Bus:
         if self._pumping or wake <= self._loop.time():
             self._pump()
         else:
-            self._alarm.set(wake)
+            self._set_alarm(wake)
+
+    def _set_alarm(self, wake: float) -> None:
+        self._wakes_at = wake
+        self._alarm.set(wake, likely=self._owner.pair.job is None)
 
     def _pump(self) -> None:
         """Let the owner do what is due, send what it wants to send, and set the alarm."""
@@ -404,7 +409,7 @@ class Bus:
                 quiet_at = owner.pair.quiet_at
                 frame = owner.tick(now, self._alarm.lead)
                 if frame is not None:
-                    if self._woken:
+                    if self._woken and self._wakes_at < quiet_at:
                         self._alarm.learn(loop.time() - quiet_at)
                         self._woken = False
                     while loop.time() < owner.send_at:
@@ -412,7 +417,7 @@ class Bus:
                     transport.write(frame)
                 if not self._again:
                     break  # after a frame there is a silence: there is nothing more to send
-            self._alarm.set(owner.wake)
+            self._set_alarm(owner.wake)
         except BaseException:
             # A second Ctrl-C, say, in the middle of this: what stops motors must go on.
             loop.call_soon(self._pump)

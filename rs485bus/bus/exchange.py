@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from rs485bus.bus.late import LateReplies
@@ -59,17 +60,12 @@ class Exchange:
         self._echoed = False
         # A reply that repeats its request cannot be told from an echo; where there is none, it is the reply.
         self._mirrors = len(request.adu) == request.length and request.adu.startswith(request.prefix)
-        patterns: list[Pattern[_Key]] = []
-        if not self._mirrors or self.echo is not False:
-            patterns.append(Pattern(request.adu, len(request.adu), (Kind.ECHO, request)))
-        if request.length or request.sizer:
-            patterns += _answers(request, Kind.NORMAL, Kind.EXCEPTION, Kind.REFUSAL, counts=True)
-        self._listen(patterns, late)
+        self._listen(_wanted(request, not self._mirrors or self.echo is not False), late)
 
     def idle(self, late: Iterable[LateReplies]) -> None:
         """Nothing is on the wire; listen for what older requests are owed."""
         self._request = None
-        self._listen([], late)
+        self._listen((), late)
 
     def feed(self, data: bytes) -> list[Received]:
         """Take bytes in; return the frames they complete."""
@@ -99,13 +95,24 @@ class Exchange:
         receiver = self._receiver
         return receiver.skipped + receiver.pending - self._skipped, receiver.crc_errors - self._crc_errors
 
-    def _listen(self, patterns: list[Pattern[_Key]], late: Iterable[LateReplies]) -> None:
+    def _listen(self, patterns: Sequence[Pattern[_Key]], late: Iterable[LateReplies]) -> None:
         for replies in late:
             for owed in replies:
-                patterns += _answers(owed.request, Kind.LATE, Kind.LATE_EXCEPTION, Kind.LATE)
+                patterns = [*patterns, *_answers(owed.request, Kind.LATE, Kind.LATE_EXCEPTION, Kind.LATE)]
         self._receiver.expect(patterns)
         self._skipped = self._receiver.skipped
         self._crc_errors = self._receiver.crc_errors
+
+
+@lru_cache(maxsize=256)
+def _wanted(request: Request, echo: bool) -> Sequence[Pattern[_Key]]:
+    """What may come back of a request that is sent; with `echo` the request itself."""
+    patterns: list[Pattern[_Key]] = []
+    if echo:
+        patterns.append(Pattern(request.adu, len(request.adu), (Kind.ECHO, request)))
+    if request.length or request.sizer:
+        patterns += _answers(request, Kind.NORMAL, Kind.EXCEPTION, Kind.REFUSAL, counts=True)
+    return patterns
 
 
 def _answers(

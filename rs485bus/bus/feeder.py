@@ -27,15 +27,17 @@ def next_feed(watch: Watch, queue: Queue, stations: Stations, admit: Admission, 
     station = stations[watch.address]
     attached = station.attached
     assert attached is not None
-    if watch.failures == 0:
+    if queue.size and watch.failures == 0:
         waiting = queue.take_of(watch.address, lambda job: admit(job) if _is_as_short(job, attached) else _NOT_NOW)
         if waiting is not None:
             waiting.feeds = True
             return waiting
-    station.late.expire(now)
-    # One whose reply is not owed, or else one that proves less.
     reads = attached.reads()
-    request = next((read for read in reads if not station.late.must_wait(read)), reads[0])
+    request = reads[0]
+    if station.late:
+        # One whose reply is not owed, or else one that proves less.
+        station.late.expire(now)
+        request = next((read for read in reads if not station.late.must_wait(read)), request)
     watch.feeds += 1
     job = Job(request, urgency=Urgency.FEED, tolerant=True, internal=True, retries=0)
     job.feeds = True

@@ -2,20 +2,25 @@
 
 A device has been heard since the *sending* of the last frame it acknowledged: when exactly it saw the frame is not
 known, but not earlier than that. It is due when it would have been unheard for a third of its time, and earlier where
-several would be due at once, since the pair carries only one feed at a time.
+several would be due at once, since the pair carries only one feed at a time. Where nothing else waits for the pair,
+those that are due soon are fed together: an idle computer wakes up once for all of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from operator import attrgetter
 
 from rs485bus.errors import WatchdogInfeasible
 
 SHARE = 1 / 3
 """The part of a watchdog's time after which its device is due."""
+TOGETHER = 1 / 12
+"""The part of a watchdog's time by which its device is fed early, together with others."""
 NARROW = 3 / 4
 """The part of a watchdog's time after which it was a narrow escape if the device is heard at last."""
+_due = attrgetter("due")
 _SOON = float("-inf")
 _MUTED = float("inf")
 
@@ -27,9 +32,11 @@ class Watch:
     address: int
     timeout: float
     cost: float
-    """How long one feed takes on the wire."""
+    """How long one feed may take on the wire, if it is answered."""
     heard_at: float
     armed_at: float
+    takes: float = field(init=False)
+    """How long one took of late."""
     feeds: int = 0
     """Feeds sent."""
     longest: float = 0.0
@@ -41,9 +48,16 @@ class Watch:
     escaped: bool = False
     """It was heard only in the last quarter of its time, once."""
 
-    @property
-    def due(self) -> float:
-        return self.heard_at + SHARE * self.timeout
+    due: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.takes = self.cost
+        self.heard(self.heard_at)
+
+    def heard(self, since: float) -> None:
+        """It acknowledged a frame that was sent at `since`."""
+        self.heard_at = since
+        self.due = since + SHARE * self.timeout
 
     @property
     def over(self) -> float:
@@ -54,11 +68,13 @@ class Watch:
 class Feeding:
     """The armed watchdogs of one bus."""
 
-    __slots__ = ("_over_at", "_planned", "_watches", "look_at", "on_escape", "slack")
+    __slots__ = ("_company", "_over_at", "_planned", "_watches", "look_at", "on_escape", "slack")
 
     def __init__(self) -> None:
         self._watches: dict[int, Watch] = {}
         self._planned: dict[int, Watch] = {}
+        self._company: list[Watch] = []
+        """What may be fed together with one that was due, the earliest due last."""
         self.look_at = float("inf")
         """When to ask for `due` again. Hearing a device only ever puts that off, so it is not kept exact."""
         self._over_at = float("inf")
@@ -104,7 +120,7 @@ class Feeding:
         watch = self._watches.get(address)
         if watch is not None and since > watch.heard_at:
             watch.longest = max(watch.longest, since - watch.heard_at)
-            watch.heard_at = since
+            watch.heard(since)
             if watch.longest > NARROW * watch.timeout and not watch.escaped:
                 watch.escaped = True
                 if self.on_escape is not None:
@@ -112,6 +128,12 @@ class Feeding:
             watch.failures = 0
             if watch.retry_at != _MUTED:
                 watch.retry_at = 0.0
+
+    def fed(self, address: int, took: float) -> None:
+        """A feed was answered, and took the wire for so many seconds."""
+        watch = self._watches.get(address)
+        if watch is not None:
+            watch.takes += (took - watch.takes) / 4
 
     def failed(self, address: int, now: float, cost: float) -> None:
         """A feed was not answered. The first repetition goes at once, later ones leave the others room."""
@@ -139,18 +161,35 @@ class Feeding:
         if now < self.look_at:
             return None
         start, before, first = float("inf"), 0.0, None
-        for watch in sorted(self._watches.values(), key=lambda watch: watch.due):
-            if watch.retry_at > now:
-                start = min(start, watch.retry_at)
-                continue
-            # The last moment at which this one and all due before it can still be fed in time, one by one.
-            start = min(start, watch.due - before)
-            before += watch.cost
-            first = first or watch
-        if now < start or first is None:
-            self.look_at = start
-            return None
-        return first
+        watches = sorted(self._watches.values(), key=_due)
+        for watch in watches:
+            at = watch.retry_at
+            if at <= now:
+                # The last moment at which this one and all due before it can still be fed in time, one by one.
+                at = watch.due - before
+                before += watch.takes
+                first = first or watch
+                if at <= now:
+                    self._company = watches[::-1]
+                    return first
+            if at < start:
+                start = at
+        self.look_at = start
+        return None
+
+    def soon(self, now: float) -> Watch | None:
+        """The watch to feed now though there is time, because others were just fed; None if there is none."""
+        while self._company:
+            watch = self._company[-1]
+            early = watch.due - TOGETHER * watch.timeout
+            if early <= now and watch.retry_at <= now and self._watches.get(watch.address) is watch:
+                return watch
+            self._company.pop()
+        return None
+
+    def next_at(self, now: float) -> float:
+        """When the next watch is to be fed, if nothing else waits for the wire."""
+        return self.look_at if self.soon(now) is None and self.due(now) is None else now
 
     def overdue(self, now: float) -> list[Watch]:
         """The watches whose time is over."""

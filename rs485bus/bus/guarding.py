@@ -109,7 +109,7 @@ def arm(owner: Owner, devices: Sequence[Attached], timeout: float) -> Procedure[
             continue
         watch = _watch(owner.pair.line, device, timeout, job.sent_at)
         # What the first attempt wrote may be armed since then.
-        watch.heard_at = job.answered_since
+        watch.heard(job.answered_since)
         owner.feeding.arm(watch)
         station.rearm = timeout
     return failed

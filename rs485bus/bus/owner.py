@@ -231,11 +231,10 @@ class Owner:
     # What goes next
 
     def _look_at(self) -> float:
-        """When something may go, if nothing is out."""
-        wake = self.pair.quiet_at - self._lead
+        """When something may go, if nothing is out. What somebody waits for is made ready while the line is quiet."""
         if self._queue.size:
-            return wake
-        return max(wake, min(self.feeding.look_at, self.stations.to_probe_at(self.now)))
+            return self.pair.quiet_at - self._lead
+        return max(self.pair.quiet_at, min(self.feeding.next_at(self.now), self.stations.to_probe_at(self.now)))
 
     def _choose(self) -> tuple[Job | None, float]:
         """The job that goes next or, if there is none, when to look again."""
@@ -260,6 +259,9 @@ class Owner:
         job, again = self._queue.take_rest(self._admit)
         if job is not None:
             return job, again
+        watch = self.feeding.soon(self.now)
+        if watch is not None:
+            return next_feed(watch, self._queue, self.stations, self._admit, self.now), wake
         wake = min(wake, again, self.stations.to_probe_at(self.now))
         if not self.gate.settled:
             # Only writes wait, and they wait for a read: nobody answers that with its own bytes.
@@ -337,6 +339,8 @@ class Owner:
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED)
             return
         self.feeding.heard(station.address, since)
+        if job.feeds:
+            self.feeding.fed(station.address, self.now - job.sent_at + self.pair.silence)
         if station.attached is not None and job.internal and since == job.sent_at:
             station.attached.told(job.request, frame, since)
         self._end(job, Outcome.REPLY)

@@ -31,8 +31,11 @@ class Alarm(Protocol):
     def learn(self, late: float) -> None:
         """What it woke up for was ready so many seconds late; negative: early, and the rest was waited out."""
 
-    def set(self, when: float) -> None:
-        """Call back at `when` instead of what was set before; infinity for not at all."""
+    def set(self, when: float, *, likely: bool = True) -> None:
+        """Call back at `when` instead of what was set before; infinity for not at all.
+
+        What is not `likely` mostly is put off again before it comes, as a reply timeout is.
+        """
 
     def close(self) -> None:
         """Never call back again."""
@@ -52,7 +55,7 @@ class LoopAlarm:
     def learn(self, late: float) -> None:
         """Nothing to be learned: it is too coarse."""
 
-    def set(self, when: float) -> None:
+    def set(self, when: float, *, likely: bool = True) -> None:
         if when == self._when:
             return
         self._when = when
@@ -72,8 +75,8 @@ class LoopAlarm:
 class TimerfdAlarm:
     """A Linux timerfd in the loop's selector: precise to a tenth of a millisecond.
 
-    It learns how long waking up and getting ready takes, so that whoever waits is woken that much early. Times that
-    are far away, as reply timeouts are, mostly are put off again before they come: they cost no system call.
+    It learns how long waking up and getting ready takes, so that whoever waits is woken that much early. What is far
+    away and not likely to come is left to the loop's timer first: putting it off again costs no system call.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
@@ -92,39 +95,47 @@ class TimerfdAlarm:
         if abs(late) < 0.001:  # beyond that it was something else
             self.lead = min(max(self.lead + (late + _MARGIN) / 16, 0.0), _LONGEST_LEAD)
 
-    def set(self, when: float) -> None:
+    def set(self, when: float, *, likely: bool = True) -> None:
         if when == self._when or self._fd < 0:
             return
         self._when = when
-        # What goes off before that will see that it is too early, and set itself anew.
-        if when < self._armed_at and when < self._looks_at + _FAR:
+        if likely and when != _FOREVER:
+            if self._looks_at < when:
+                self._stop_looking()
             self._arm(when)
+        # What goes off before that will see that it is too early, and set itself anew.
+        elif when < self._armed_at and when < self._looks_at + _FAR:
+            self._watch_for(when)
 
     def close(self) -> None:
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)
             self._fd = -1
-            if self._look is not None:
-                self._look.cancel()
+            self._stop_looking()
 
-    def _arm(self, when: float) -> None:
-        if when == _FOREVER:
-            return
+    def _watch_for(self, when: float) -> None:
         if when > self._loop.time() + 2 * _FAR:
-            if self._look is not None:
-                self._look.cancel()
+            self._stop_looking()
             self._looks_at = when - _FAR
             self._look = self._loop.call_at(self._looks_at, self._look_again)
         else:
-            self._armed_at = when
-            _settime(self._fd, max(when, 1e-9))  # the time 0 would disarm it; what is past is due at once
+            self._arm(when)
+
+    def _arm(self, when: float) -> None:
+        self._armed_at = when
+        _settime(self._fd, max(when, 1e-9))  # the time 0 would disarm it; what is past is due at once
+
+    def _stop_looking(self) -> None:
+        self._looks_at = _FOREVER
+        if self._look is not None:
+            self._look.cancel()
+            self._look = None
 
     def _look_again(self) -> None:
-        self._looks_at = _FOREVER
-        self._look = None
+        self._stop_looking()
         if self._when < self._armed_at:
-            self._arm(self._when)
+            self._watch_for(self._when)
 
     def _fire(self) -> None:
         try:
@@ -135,7 +146,7 @@ class TimerfdAlarm:
         when = self._when
         if when > self._loop.time():
             if when < self._looks_at + _FAR:
-                self._arm(when)
+                self._watch_for(when)
             return
         self._when = _FOREVER
         self._callback()

@@ -1,5 +1,7 @@
 """Watchdogs are fed when they must be, by whatever traffic there is, and no longer than they should be."""
 
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -71,6 +73,29 @@ def test_many_that_are_due_at_once_are_begun_with_early_enough() -> None:
     begin = SHARE - 15 * 0.01
     assert feeding.due(begin - 0.001) is None
     assert feeding.due(begin + 0.001) is not None
+
+
+def test_what_a_feed_really_takes_decides_how_early_that_is() -> None:
+    feeding = Feeding()
+    for address in range(1, 17):
+        feeding.arm(watch(address, cost=0.01))
+        for _ in range(30):
+            feeding.fed(address, 0.004)
+    begin = SHARE - 15 * 0.004
+    assert feeding.due(begin - 0.001) is None
+    assert feeding.due(begin + 0.001) is not None
+
+
+def test_those_that_are_due_soon_are_fed_together_with_one_that_is_due() -> None:
+    feeding = Feeding()
+    for address, heard in ((1, 0.0), (2, 0.05), (3, 0.2)):
+        feeding.arm(watch(address, heard_at=heard))
+    assert feeding.soon(SHARE) is None
+    fed = []
+    while (due := feeding.due(SHARE) or feeding.soon(SHARE)) is not None:
+        fed.append(due.address)
+        feeding.heard(due.address, SHARE)
+    assert fed == [1, 2]
 
 
 def test_a_failed_feed_is_repeated_once_at_once_and_then_leaves_the_others_room() -> None:
@@ -190,6 +215,31 @@ def test_a_device_that_nobody_talks_to_is_fed_every_third_of_its_time() -> None:
     assert gaps == [pytest.approx(0.2, abs=0.006)] * len(gaps)
     assert len(gaps) > 40
     assert drive.sim.trips == []
+
+
+def test_on_an_idle_bus_one_waking_up_feeds_all() -> None:
+    rig = Rig(config=QUICK)
+    made = drives(rig, 16)
+    guard(rig, *made, timeout=1.0)
+    rig.run(5.0)
+    begin, sent = rig.now, len(rig.sent)
+    rig.run(10.0)
+    times = [at for at, _ in rig.sent[sent:]]
+    pauses = [later - earlier for earlier, later in itertools.pairwise(times) if later - earlier > 0.05]
+    assert len(pauses) == pytest.approx(30, abs=1)
+    assert len(times) <= 1.02 * 16 * 3 * (rig.now - begin)
+
+
+def test_what_somebody_asks_for_goes_before_those_that_are_fed_early() -> None:
+    rig = Rig(SimUnit(99, BANK), config=QUICK)
+    guard(rig, *drives(rig, 16), timeout=1.0)
+    rig.run(5.0)
+    sent = len(rig.sent)
+    rig.run(until=lambda: len(rig.sent) == sent + 3)
+    asked = rig.submit(read_holding(99, 0, 1), urgency=Urgency.POLL)
+    rig.done(asked)
+    assert asked.sent_at - asked.queued_at < 0.01
+    assert rig.owner.feeding.soon(rig.now) is not None
 
 
 def test_a_device_that_is_polled_needs_no_feed() -> None:

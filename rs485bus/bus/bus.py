@@ -22,7 +22,7 @@ from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.watch import Watchdog, warn_of
 from rs485bus.errors import AddressInUse, BusClosed, BusError, PortError, WrongThread
 from rs485bus.transport.interface import Transport
-from rs485bus.wire.frames import Request
+from rs485bus.wire.frames import Request, unit_address
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
@@ -63,6 +63,7 @@ class Bus:
 
     def unit(self, address: int) -> Unit:
         """Plain Modbus to the device at `address` (1..247)."""
+        address = unit_address(address)
         unit = self._units.get(address)
         if unit is None:
             unit = self._units[address] = Unit(self, address)

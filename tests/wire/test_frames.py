@@ -64,7 +64,7 @@ def test_nobody_answers_a_broadcast() -> None:
         (lambda: read_holding(1, 0, 0), "count 0 is outside 1..125"),
         (lambda: read_holding(1, 0, 126), "count 126 is outside 1..125"),
         (lambda: read_holding(1, 65535, 2), "registers 65535..65536 are outside"),
-        (lambda: read_holding(1, -1, 2), "registers -1..0 are outside"),
+        (lambda: read_holding(1, -1, 2), "register address -1 is outside 0..65535"),
         (lambda: write_single(1, 0, 65536), "value 65536 is outside 0..65535"),
         (lambda: write_single(1, 0, -1), "value -1 is outside"),
         (lambda: write_multiple(1, 0, []), "0 registers in one write"),

@@ -53,7 +53,7 @@ async def test_an_address_out_of_range() -> None:
 async def test_a_speed_above_the_maximum_of_the_mode() -> None:
     made = plant()
     async with bus_on(made) as (_, (x,)):
-        with pytest.raises(LimitExceeded, match=r"3001 rpm is outside 0\.\.3000 rpm of mode SR_VFOC"):
+        with pytest.raises(LimitExceeded, match=r"rpm 3001 is outside .* above 0, up to 3000 \(mode SR_VFOC"):
             x.move_to(1.0, rpm=3001)
         with pytest.raises(LimitExceeded):
             x.run(-3001)
@@ -380,7 +380,7 @@ async def test_a_time_that_is_none_is_refused_before_anything_is_sent(timeout: A
         await x.enable()
         before = bus.stats.transactions
         for verb in (lambda: x.home(timeout=timeout), lambda: x.watchdog(timeout)):
-            with pytest.raises(LimitExceeded):
+            with pytest.raises(TypeError if timeout in (None, "5") else LimitExceeded):
                 verb()
         assert bus.stats.transactions == before
 

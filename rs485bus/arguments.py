@@ -21,13 +21,16 @@ T = TypeVar("T")
 
 def whole(name: str, value: SupportsIndex, low: int, high: int | None = None) -> int:
     """A whole number in `low`..`high`; None for no end. A bool is none, though Python takes it for 0 or 1."""
-    try:
-        if isinstance(value, bool):
-            raise TypeError
-        number = operator.index(value)
-    except TypeError:
-        allowed = f"in {low}..{high}" if high is not None else f"from {low} on"
-        raise TypeError(f"{name} must be a whole number {allowed}, not {value!r}") from None
+    if type(value) is int:
+        number = value
+    else:
+        try:
+            if isinstance(value, bool):
+                raise TypeError
+            number = operator.index(value)
+        except TypeError:
+            allowed = f"in {low}..{high}" if high is not None else f"from {low} on"
+            raise TypeError(f"{name} must be a whole number {allowed}, not {value!r}") from None
     if number < low or (high is not None and number > high):
         raise LimitExceeded(f"{name} {number} is " + (f"below {low}" if high is None else f"outside {low}..{high}"))
     return number

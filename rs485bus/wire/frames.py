@@ -101,14 +101,17 @@ def unit_address(address: int, *, highest: int = MAX_ADDRESS) -> int:
     return whole("address", address, 1, highest)
 
 
+# By type as well: what was checked of 1 says nothing of True, nor of 1.0.
+@lru_cache(maxsize=1024, typed=True)
 def read_holding(address: int, register: int, count: int) -> Request:
     """Read `count` (1..125) holding registers, function 03."""
-    return _read(ReadHoldingRegistersRequest, unit_address(address), *_window(register, count, MAX_READ))
+    return _read(ReadHoldingRegistersRequest, address, register, count)
 
 
+@lru_cache(maxsize=1024, typed=True)
 def read_input(address: int, register: int, count: int) -> Request:
     """Read `count` (1..125) input registers, function 04."""
-    return _read(ReadInputRegistersRequest, unit_address(address), *_window(register, count, MAX_READ))
+    return _read(ReadInputRegistersRequest, address, register, count)
 
 
 def write_single(address: int, register: int, value: int, *, hidden_refusal: bool = False) -> Request:
@@ -194,8 +197,9 @@ class _WriteBytes(WriteMultipleRegistersRequest):
         return struct.pack(">HHB", self.address, self.count, len(self._data)) + self._data
 
 
-@lru_cache(maxsize=2048)
 def _read(pdu: type[ModbusPDU], address: int, register: int, count: int) -> Request:
+    address = unit_address(address)
+    register, count = _window(register, count, MAX_READ)
     function: int = pdu.function_code
     adu = _encode(address, pdu(address=register, count=count))
     return Request(address, function, adu, *_counted(address, function, 2 * count), writes=False)

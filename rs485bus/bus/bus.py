@@ -288,9 +288,16 @@ class Bus:
         return self._loop.call_later(seconds, callback)
 
     def unseen(self, handle: Handle[Any]) -> None:
-        """A command failed and nobody waited for it."""
-        _log.error("%s failed: %s", handle.what, handle.error)
+        """A command failed. It is logged, and raised from the block, unless somebody sees it."""
         self._unseen.append(handle)
+        # Who awaits it goes on first, or gives up in the same moment; who is about to await it has begun by then.
+        self._loop.call_soon(self._tell_unseen, handle)
+
+    def _tell_unseen(self, handle: Handle[Any]) -> None:
+        if handle.seen:
+            self._unseen.remove(handle)
+        else:
+            _log.error("%s failed: %s", handle.what, handle.error)
 
     def failures(self) -> list[Exception]:
         """The failures that nobody has seen, each once."""

@@ -181,6 +181,12 @@ async def test_plain_modbus_takes_whole_numbers_that_fit(
 
 
 @virtual
+async def test_a_unit_says_which_it_is() -> None:
+    async with open_bus(line()) as bus:
+        assert repr(bus.unit(3)) == "<unit 3>"
+
+
+@virtual
 async def test_numbers_of_other_libraries_do_wherever_numbers_do() -> None:
     async with open_bus(line()) as bus:
         unit: Any = bus.unit(Count(7))  # type: ignore[arg-type] # the point of the test

@@ -225,8 +225,8 @@ class Bus:
         reply_timeout: float | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it. Raises as described at `Unit`."""
+        attached = self._owner.stations[request.address].attached
         if motion is None and moves:
-            attached = self._owner.stations[request.address].attached
             motion = None if attached is None else attached.motion
         ended = self._loop.create_future()
         job = Job(
@@ -248,7 +248,7 @@ class Bus:
                 raise
         if job.outcome is Outcome.REPLY:
             return job.reply
-        raise failure(job, self.flight)
+        raise failure(job, self.flight, None if attached is None else attached.family)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""

@@ -253,6 +253,8 @@ class MksDrive(Axis):
         try:
             await super()._carry_out_enable()
         except (NotEnabled, DeviceRefused) as error:
+            if isinstance(error, DeviceRefused) and error.code is not None:
+                raise  # MKS drives refuse in their replies (2.4): this one has nothing to show on its screen
             raise NotEnabled(f"{error} {hints(alarms.KEEP_IT_OFF)}") from error
         if self._seen is not None:
             await self._has_forgotten_zero(self._seen)

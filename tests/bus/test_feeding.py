@@ -146,9 +146,7 @@ def test_what_cannot_be_fed_in_time_is_refused_with_the_numbers() -> None:
 
 
 def test_one_watchdog_that_cannot_be_fed_is_one() -> None:
-    with pytest.raises(
-        WatchdogInfeasible, match="^1 watchdog cannot be fed in time: one feed each takes 10 ms, the two"
-    ):
+    with pytest.raises(WatchdogInfeasible, match=r"^1 watchdog cannot be fed in time: one feed each takes 10 ms"):
         admit([watch(1, timeout=0.1, cost=0.01)], [0.02], 0.1)
 
 

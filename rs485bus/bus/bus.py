@@ -155,6 +155,7 @@ class Bus:
 
     async def drain(self) -> None:
         """Wait until no axis has anything queued or moving."""
+        self.check_thread()
         for member in self._members:
             await member.drain()
 
@@ -166,6 +167,8 @@ class Bus:
         Args:
             leave_running: leave motors turning; None for what the configuration says.
         """
+        if self._closing is None or not self._closing.done():
+            self.check_thread()
         if self._closing is None:
             leave = self.config.leave_running if leave_running is None else leave_running
             self._closing = self._loop.create_task(self._close(leave), name="rs485bus closing")
@@ -429,9 +432,20 @@ class Bus:
             self._pumping = False
 
     def check_thread(self) -> None:
-        """Refuse a call from another thread than the event loop's. Raises `WrongThread`."""
+        """Refuse a call that the event loop of the bus cannot carry out.
+
+        Raises:
+            WrongThread: it comes from another thread than the loop's.
+            BusClosed: the loop was closed.
+        """
         if threading.get_ident() != self._thread:
             raise WrongThread(
-                "The bus was called from another thread than its event loop's. Use "
-                "loop.call_soon_threadsafe(axis.stop) or asyncio.run_coroutine_threadsafe(coroutine, loop)."
+                "The bus was called from another thread than its event loop's. From there, what acts when it is called "
+                "is loop.call_soon_threadsafe(axis.stop), and what is awaited is "
+                "asyncio.run_coroutine_threadsafe(bus.aclose(), loop).result()."
+            )
+        if self._loop.is_closed():
+            raise BusClosed(
+                "The event loop of the bus was closed, so that nothing can be asked or stopped by it any more. Open "
+                "the bus anew in the loop that runs now, and leave it before that loop ends: async with open_bus(...)."
             )

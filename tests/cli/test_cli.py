@@ -50,6 +50,12 @@ def test_wrong_input_is_told_in_words(arguments: tuple[str, ...], said: str) -> 
     assert "Traceback" not in result.stderr
 
 
+def test_the_demo_counts_down_on_an_open_port_only() -> None:
+    result = call("demo", "--port", "/dev/ttyNOPE")
+    assert "There is no port /dev/ttyNOPE." in " ".join(result.stderr.split())
+    assert result.stdout == ""
+
+
 def test_verify_watchdog_asks_before_it_moves_anything() -> None:
     result = subprocess.run(
         (*COMMAND, "verify-watchdog", "--mks", "1"),
@@ -60,7 +66,7 @@ def test_verify_watchdog_asks_before_it_moves_anything() -> None:
         check=False,
     )
     assert result.returncode == 1
-    assert "Is it free to turn?" in result.stdout
+    assert "Is it alone and free to turn?" in result.stdout
     assert "Nothing was moved." in result.stdout
 
 

@@ -112,3 +112,10 @@ def test_other_functions_come_from_pymodbus_with_the_shape_of_their_replies() ->
     assert fifo.length == 0
     assert fifo.sizer is not None
     assert not fifo.writes
+
+
+def test_what_was_asked_before_does_not_excuse_another_type() -> None:
+    read_holding(1, 0, 1)
+    for address, register, count in ((True, 0, 1), (1, False, 1), (1, 0, 1.0)):
+        with pytest.raises(TypeError, match="must be a whole number"):
+            read_holding(address, register, count)  # type: ignore[arg-type] # the point of the test

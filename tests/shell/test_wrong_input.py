@@ -215,7 +215,7 @@ async def test_what_is_awaited_in_a_foreign_thread_says_how_it_is_done_from_ther
 
         thread = threading.Thread(target=call)
         thread.start()
-        await asyncio.to_thread(thread.join, 10.0)
+        thread.join(10.0)
         assert len(errors) == 3
         assert all("asyncio.run_coroutine_threadsafe(bus.aclose(), loop)" in str(error) for error in errors)
         await usable(x)

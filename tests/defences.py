@@ -316,6 +316,20 @@ DEFENCES = [
         "tests/shell/test_exactly_once.py",
     ),
     Defence(
+        "a failure lost to who gives up waiting in the same moment",
+        "bus/handle.py",
+        "        if self._unseen is not None:\n",
+        "        if not self._waiters and self._unseen is not None:\n",
+        "tests/shell/test_handles.py",
+    ),
+    Defence(
+        "a failure logged as unseen that is about to be awaited",
+        "bus/bus.py",
+        "        self._loop.call_soon(self._tell_unseen, handle)\n",
+        "        self._tell_unseen(handle)\n",
+        "tests/shell/test_handles.py",
+    ),
+    Defence(
         "a release that a cancellation loses",
         "bus/handle.py",
         "        while not future.done():\n            try:\n                await asyncio.wait([future])\n",

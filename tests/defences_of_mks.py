@@ -151,7 +151,7 @@ MKS = [
     Defence(
         "MKS: a current beyond the model",
         "devices/mks/frames.py",
-        "    if not 0 <= milliamperes <= model.max_current:\n",
+        "    if not 0 <= real(name, milliamperes) <= model.max_current:\n",
         "    if False:\n",
         _TESTS + "test_settings.py",
     ),

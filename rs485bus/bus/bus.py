@@ -22,7 +22,7 @@ from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.watch import Watchdog, warn_of
 from rs485bus.errors import AddressInUse, BusClosed, BusError, PortError, WrongThread
 from rs485bus.transport.interface import Transport
-from rs485bus.wire.frames import Request
+from rs485bus.wire.frames import Request, unit_address
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
@@ -64,6 +64,7 @@ class Bus:
 
     def unit(self, address: int) -> Unit:
         """Plain Modbus to the device at `address` (1..247)."""
+        address = unit_address(address)
         unit = self._units.get(address)
         if unit is None:
             unit = self._units[address] = Unit(self, address)
@@ -155,6 +156,7 @@ class Bus:
 
     async def drain(self) -> None:
         """Wait until no axis has anything queued or moving."""
+        self.check_thread()
         for member in self._members:
             await member.drain()
 
@@ -166,6 +168,8 @@ class Bus:
         Args:
             leave_running: leave motors turning; None for what the configuration says.
         """
+        if self._closing is None or not self._closing.done():
+            self.check_thread()
         if self._closing is None:
             leave = self.config.leave_running if leave_running is None else leave_running
             self._closing = self._loop.create_task(self._close(leave), name="rs485bus closing")
@@ -225,8 +229,8 @@ class Bus:
         reply_timeout: float | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it. Raises as described at `Unit`."""
+        attached = self._owner.stations[request.address].attached
         if motion is None and moves:
-            attached = self._owner.stations[request.address].attached
             motion = None if attached is None else attached.motion
         ended = self._loop.create_future()
         job = Job(
@@ -248,7 +252,7 @@ class Bus:
                 raise
         if job.outcome is Outcome.REPLY:
             return job.reply
-        raise failure(job, self.flight)
+        raise failure(job, self.flight, None if attached is None else attached.family)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""
@@ -288,9 +292,16 @@ class Bus:
         return self._loop.call_later(seconds, callback)
 
     def unseen(self, handle: Handle[Any]) -> None:
-        """A command failed and nobody waited for it."""
-        _log.error("%s failed: %s", handle.what, handle.error)
+        """A command failed. It is logged, and raised from the block, unless somebody sees it."""
         self._unseen.append(handle)
+        # Who awaits it goes on first, or gives up in the same moment; who is about to await it has begun by then.
+        self._loop.call_soon(self._tell_unseen, handle)
+
+    def _tell_unseen(self, handle: Handle[Any]) -> None:
+        if handle.seen:
+            self._unseen.remove(handle)
+        else:
+            _log.error("%s failed: %s", handle.what, handle.error)
 
     def failures(self) -> list[Exception]:
         """The failures that nobody has seen, each once."""
@@ -426,9 +437,20 @@ class Bus:
             self._pumping = False
 
     def check_thread(self) -> None:
-        """Refuse a call from another thread than the event loop's. Raises `WrongThread`."""
+        """Refuse a call that the event loop of the bus cannot carry out.
+
+        Raises:
+            WrongThread: it comes from another thread than the loop's.
+            BusClosed: the loop was closed.
+        """
         if threading.get_ident() != self._thread:
             raise WrongThread(
-                "The bus was called from another thread than its event loop's. Use "
-                "loop.call_soon_threadsafe(axis.stop) or asyncio.run_coroutine_threadsafe(coroutine, loop)."
+                "The bus was called from another thread than its event loop's. From there, what acts when it is called "
+                "is loop.call_soon_threadsafe(axis.stop), and what is awaited is "
+                "asyncio.run_coroutine_threadsafe(bus.aclose(), loop).result()."
+            )
+        if self._loop.is_closed():
+            raise BusClosed(
+                "The event loop of the bus was closed, so that nothing can be asked or stopped by it any more. Open "
+                "the bus anew in the loop that runs now, and leave it before that loop ends: async with open_bus(...)."
             )

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from rs485bus.arguments import flag, real, whole
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusConfig:
     """Settings of one bus; all times are seconds.
 
     Raises:
-        ValueError: a setting out of its range.
+        ValueError, TypeError: a setting out of its range, or of a wrong type.
     """
 
     reply_timeout: float = 0.1
@@ -43,19 +45,21 @@ class BusConfig:
 
     def __post_init__(self) -> None:
         _within("reply_timeout", self.reply_timeout, 0.001, 10)
-        _within("retries", self.retries, 0, 10)
+        whole("retries", self.retries, 0, 10)
         _within("turnaround", self.turnaround, 0, 2)
         _within("late_reply_window", self.late_reply_window, 0.05, 10)
-        _within("offline_after", self.offline_after, 1, 100)
-        _within("max_queued", self.max_queued, 1, 1_000_000)
+        whole("offline_after", self.offline_after, 1, 100)
+        whole("max_queued", self.max_queued, 1, 1_000_000)
         _within("close_timeout", self.close_timeout, 0.1, 60)
+        _within("reopen_max", self.reopen_max, 0.01, 60)
         _within("reopen_min", self.reopen_min, 0.01, self.reopen_max)
-        _within("reopen_max", self.reopen_max, self.reopen_min, 60)
         _within("tcp_gap", self.tcp_gap, 0, 1)
         if self.echo not in ("auto", True, False):
             raise ValueError(f"echo {self.echo!r} is none of 'auto', True, False")
+        flag("leave_running", self.leave_running)
+        flag("rs485_direction", self.rs485_direction)
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
+    if not low <= real(name, value) <= high:
         raise ValueError(f"{name} {value} is outside {low:g}..{high:g}")

@@ -56,21 +56,33 @@ _EXCEPTIONS = {
 }
 
 
+_UNKNOWN_TO_IT = (1, 2)
+
+
 class _Details(TypedDict):
     address: int
     request: bytes
     attempts: int
 
 
-def failure(job: Job, records: Sequence[Record]) -> RequestFailed:
-    """The exception that says how the job ended, for every end but a reply."""
+def failure(job: Job, records: Sequence[Record], family: str | None = None) -> RequestFailed:
+    """The exception that says how the job ended, for every end but a reply.
+
+    Args:
+        job: what has ended.
+        records: the latest transactions on the bus.
+        family: what the device is taken for; None where it has no facade.
+    """
     details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts)
     what = str(job.request)
     if job.outcome is Outcome.REFUSED:
         named = (
             "in its reply" if job.code is None else f"{_EXCEPTIONS.get(job.code, 'unknown')} (exception {job.code:02})"
         )
-        return DeviceRefused(f"Refused, {named}: {what}. Nothing was done.", code=job.code, **details)
+        stranger = ""
+        if family is not None and job.code in _UNKNOWN_TO_IT:
+            stranger = f" It may be another drive than the {family} that the facade at its address is for."
+        return DeviceRefused(f"Refused, {named}: {what}. Nothing was done.{stranger}", code=job.code, **details)
     if job.outcome is Outcome.NOT_SENT:
         error, why = _NOT_SENT[job.reason]
         return error(f"Not sent, {why}: {what}.", **details)

@@ -224,8 +224,9 @@ def admit(watches: Iterable[Watch], attempts: Iterable[float], longest: float) -
     needed = feeds + failed + longest
     if needed <= available:
         return available - feeds - failed
+    plural = "" if len(watches) == 1 else "s"
     raise WatchdogInfeasible(
-        f"{len(watches)} watchdogs cannot be fed in time: one feed each takes {1000 * feeds:.0f} ms, the two "
+        f"{len(watches)} watchdog{plural} cannot be fed in time: one feed each takes {1000 * feeds:.0f} ms, the two "
         f"slowest failed attempts {1000 * failed:.0f} ms, the longest transaction {1000 * longest:.0f} ms, in all "
         f"{1000 * needed:.0f} ms. Unit {shortest.address} trips {1000 * available:.0f} ms after it is due (two "
         f"thirds of its {1000 * shortest.timeout:g} ms). Use longer watchdogs, fewer devices, a faster line or a "

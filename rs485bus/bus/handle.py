@@ -21,7 +21,7 @@ class Handle(Generic[T]):
 
     Args:
         what: names it in messages.
-        unseen: told of a failure that nobody awaits when it happens.
+        unseen: told of a failure, which those who await it have not seen yet.
     """
 
     def __init__(self, what: str, unseen: Callable[[Handle[Any]], None] | None = None) -> None:
@@ -84,7 +84,7 @@ class Handle(Generic[T]):
             return
         self._error = error
         self._end()
-        if not self._waiters and self._unseen is not None:
+        if self._unseen is not None:
             self._unseen(self)
 
     def _end(self) -> None:

@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Any, Literal
 from urllib.parse import urlsplit
 
+from rs485bus.arguments import instance
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.stopping import Halted
@@ -20,6 +21,7 @@ from rs485bus.wire.timing import LineSettings, Parity
 _DEFAULT = BusConfig()
 _SLOWEST_USUAL = 9600
 """What a gateway's pair is taken for, in bit/s, where nobody says: replies are waited for longer then, not shorter."""
+_PORTS = "a serial port ('/dev/ttyUSB0', 'COM3') or a gateway that speaks RTU over TCP ('socket://host:4196')"
 
 
 def open_bus(
@@ -45,20 +47,25 @@ def open_bus(
         config: how the bus behaves.
 
     Raises:
-        ValueError: a setting out of range, or a serial port without a baud rate.
+        ValueError: a setting out of range, a port that cannot be one, or a serial port without a baud rate.
+        TypeError: an argument of a wrong type.
         PortError: when it is entered or awaited; the message says what to do.
     """
+    instance("config", config, BusConfig, "BusConfig(reply_timeout=0.2)")
     if isinstance(port, os.PathLike):
         port = os.fspath(port)
     if not isinstance(port, str):
+        if not hasattr(port, "alarm"):
+            raise TypeError(f"port must be {_PORTS}, or a transport, not {port!r}")
         return Opening(lambda: port, config)
-    if port.startswith("socket://"):
-        parts = urlsplit(port)
-        if parts.hostname is None or parts.port is None:
-            raise ValueError(f"{port!r} names no host and port; it should look like socket://192.168.1.10:4196")
-        host, number = parts.hostname, parts.port
-        line = LineSettings(baudrate=baudrate or _SLOWEST_USUAL, parity=parity, stopbits=stopbits)
+    scheme, separator, _ = port.partition("://")
+    if separator and scheme == "socket":
+        host, number = _gateway(port)
+        rate = _SLOWEST_USUAL if baudrate is None else baudrate
+        line = LineSettings(baudrate=rate, parity=parity, stopbits=stopbits)
         return Opening(lambda: TcpTransport(host, number, line), config)
+    if separator or not port.strip():
+        raise ValueError(f"{port!r} is no port; it must be {_PORTS}")
     if baudrate is None:
         raise ValueError(
             f"Say the baud rate of {port}: MKS drives are shipped at 38400 bit/s, ZLAC and TL-R at 115200. "
@@ -66,6 +73,18 @@ def open_bus(
         )
     line = LineSettings(baudrate=baudrate, parity=parity, stopbits=stopbits)
     return Opening(lambda: SerialTransport(port, line, rs485_direction=config.rs485_direction), config)
+
+
+def _gateway(url: str) -> tuple[str, int]:
+    """The host and the port of a gateway."""
+    parts = urlsplit(url)
+    try:
+        host, number = parts.hostname, parts.port
+    except ValueError:  # no port has that number
+        host = number = None
+    if not host or not number:
+        raise ValueError(f"{url!r} names no host and port; it should look like socket://192.168.1.10:4196")
+    return host, number
 
 
 class Opening:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Awaitable, Sequence
 
+from rs485bus.arguments import choice, real
 from rs485bus.bus.job import Urgency
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.shell import Shell
@@ -14,6 +15,7 @@ from rs485bus.wire.frames import (
     read_holding,
     read_input,
     registers,
+    unit_address,
     write_multiple,
     write_single,
 )
@@ -26,14 +28,17 @@ class Unit:
     `timeout` is how long the request may take from the call to its last repetition, in seconds: it waits in the queue
     no longer than that, and is not repeated after it. None for no limit.
 
-    Every method raises `DeviceRefused`, `NotSent` (and what is derived from it), `NoReply` or `OutcomeUnknown`, and
-    `ValueError` before anything is sent where an argument is out of its range.
+    Every method raises `DeviceRefused`, `NotSent` (and what is derived from it), `NoReply` or `OutcomeUnknown`; and,
+    before anything is sent, `ValueError` where an argument is out of its range and `TypeError` where it is of a wrong
+    type.
     """
 
     def __init__(self, bus: Shell, address: int) -> None:
-        read_holding(address, 0, 1)  # checks the address
         self._bus = bus
-        self.address = address
+        self.address = unit_address(address)
+
+    def __repr__(self) -> str:
+        return f"<unit {self.address}>"
 
     async def read_holding_registers(
         self,
@@ -45,8 +50,7 @@ class Unit:
         repeat: Repeat = Repeat.SAFE,
     ) -> list[int]:
         """Read `count` (1..125) registers from `address` (0..65535) on, function 03."""
-        request = read_holding(self.address, address, count)
-        return registers(await self._bus.ask(request, urgency=urgency, timeout=timeout, repeat=repeat))
+        return registers(await self._ask(read_holding(self.address, address, count), urgency, timeout, repeat))
 
     async def read_input_registers(
         self,
@@ -58,8 +62,7 @@ class Unit:
         repeat: Repeat = Repeat.SAFE,
     ) -> list[int]:
         """Read `count` (1..125) input registers from `address` (0..65535) on, function 04."""
-        request = read_input(self.address, address, count)
-        return registers(await self._bus.ask(request, urgency=urgency, timeout=timeout, repeat=repeat))
+        return registers(await self._ask(read_input(self.address, address, count), urgency, timeout, repeat))
 
     async def write_register(
         self,
@@ -91,10 +94,11 @@ class Unit:
     async def _write(
         self, request: Request, values: Sequence[int], urgency: Urgency, timeout: float | None, repeat: Repeat
     ) -> None:
+        repeat = choice("repeat", repeat, Repeat)
         attempts = 1 + self._bus.config.retries if repeat is Repeat.VERIFY else 1
         for attempt in range(attempts):
             try:
-                await self._bus.ask(request, urgency=urgency, timeout=timeout, repeat=repeat, moves=True)
+                await self._ask(request, urgency, timeout, repeat, moves=True)
                 return
             except OutcomeUnknown:
                 if repeat is not Repeat.VERIFY:
@@ -104,6 +108,17 @@ class Unit:
                     return
                 if attempt + 1 == attempts:
                     raise
+
+    def _ask(
+        self, request: Request, urgency: Urgency, timeout: float | None, repeat: Repeat, *, moves: bool = False
+    ) -> Awaitable[bytes]:
+        return self._bus.ask(
+            request,
+            urgency=choice("urgency", urgency, Urgency),
+            timeout=None if timeout is None else real("timeout", timeout),
+            repeat=choice("repeat", repeat, Repeat),
+            moves=moves,
+        )
 
 
 class Broadcast:

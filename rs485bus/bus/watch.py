@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
 
+from rs485bus.arguments import positive, real
 from rs485bus.bus.attached import Attached, Member
 from rs485bus.bus.failure import failure
 from rs485bus.bus.feeding import Watch
@@ -83,12 +84,10 @@ class Watchdog:
         if not self._devices:
             raise ValueError("watchdog() guards nothing: name the axes that it is to guard")
         self._members = members
-        self.timeout = timeout
+        self.timeout = real("timeout", timeout)
         for device in self._devices:
-            check_watchdog(device, timeout)
-        if lease is not None and not lease > 0:
-            raise ValueError(f"lease {lease} is not above 0 s")
-        self._lease = None if lease is None else Lease(bus.owner, self._devices, lease)
+            check_watchdog(device, self.timeout)
+        self._lease = None if lease is None else Lease(bus.owner, self._devices, positive("lease", lease))
 
     async def __aenter__(self) -> Watchdog:
         bus, owner = self._bus, self._bus.owner

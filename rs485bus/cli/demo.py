@@ -44,11 +44,11 @@ class _Leg:
 async def run_demo(port: str | None, baudrate: int, addresses: list[int], console: Console) -> int:
     """Home all at once, move to a position, by a distance and at a speed, and go back. Returns the exit code."""
     async with _plant(port, baudrate, addresses, console) as where:
-        if port is not None:
-            await _warn(port, addresses, console)
         bus: Bus | None = None
         try:
             async with open_bus(where, baudrate=baudrate) as bus:
+                if port is not None:
+                    await _warn(port, addresses, console)
                 axes = [MksServo(bus, address, rpm=300, acceleration=1500) for address in addresses]
                 legs, reports = await _sequence(bus, axes, console)
         except asyncio.CancelledError:

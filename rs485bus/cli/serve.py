@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections.abc import Callable
 
 from rich.console import Console
 
 from rs485bus.errors import NotSupported
-from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
+from rs485bus.sim import Machine, SimDevice, SimMks, SimTlr, SimZlac, TlrMachine, VirtualLine
 
-FAMILIES = {"MKS": SimMks, "ZLAC": SimZlac, "TL-R": SimTlr}
+_SWITCH = 2.0
+"""Turns between where a drive begins and its home switch."""
+
+
+def _mks(address: int) -> SimDevice:
+    return SimMks(address, machine=Machine(home_switch=-_SWITCH))
+
+
+def _tlr(address: int) -> SimDevice:
+    return SimTlr(address, machine=TlrMachine(origin=(_SWITCH, _SWITCH + 0.1)))  # homing as shipped goes up to it
+
+
+FAMILIES: dict[str, Callable[[int], SimDevice]] = {"MKS": _mks, "ZLAC": SimZlac, "TL-R": _tlr}
+_SWITCHES = {"MKS": f"{_SWITCH:g} turns down", "TL-R": f"{_SWITCH:g} turns up"}
 
 
 async def serve(baudrate: int, drives: dict[str, list[int]], link: str | None, console: Console) -> int:
@@ -24,6 +38,9 @@ async def serve(baudrate: int, drives: dict[str, list[int]], link: str | None, c
         print(port.path, flush=True)
         said = ", ".join(f"{family} {', '.join(map(str, some))}" for family, some in drives.items() if some)
         console.print(f"{said} at {baudrate} bit/s, 8N1. Interrupt with Ctrl-C.")
+        homes = [f"{family} {where}" for family, where in _SWITCHES.items() if drives.get(family)]
+        if homes:
+            console.print(f"home() finds a switch: {', '.join(homes)}.")
         try:
             await asyncio.get_running_loop().create_future()
         finally:

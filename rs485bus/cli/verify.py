@@ -34,8 +34,5 @@ async def verify(port: str | None, baudrate: int, address: int, timeout: float, 
 
 def question(port: str | None, address: int, timeout: float) -> str:
     """What is asked before anything moves."""
-    where = "a virtual drive" if port is None else port
-    return (
-        f"The motor of MKS {address} on {where} will turn at {RPM} rpm, five times for about {3 * timeout:g} s. "
-        "It must be alone on the bus. Is it free to turn?"
-    )
+    drive = "The virtual drive" if port is None else f"MKS {address} on {port}"
+    return f"{drive} will turn at {RPM} rpm, five times {3 * timeout:g} s. Is it alone and free to turn?"

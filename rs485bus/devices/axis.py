@@ -11,6 +11,7 @@ from abc import abstractmethod
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
+from rs485bus.arguments import flag, pair, positive, real, whole
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
@@ -37,6 +38,10 @@ class Axis(Conduct):
         rpm: the speed of moves that name none.
         acceleration: the acceleration of moves that name none, in rpm/s.
         tolerance: counts of the drive by which a position may differ from another that is to be the same.
+
+    Raises:
+        LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
     """
 
     def __init__(
@@ -53,21 +58,17 @@ class Axis(Conduct):
         acceleration: float,
         tolerance: int,
     ) -> None:
-        if not units_per_turn > 0:
-            raise ValueError(f"units_per_turn {units_per_turn} is not above 0; use reverse=True to turn the other way")
-        if limits is not None and limits[0] > limits[1]:
-            raise ValueError(f"limits {limits} are the wrong way round: (lowest, highest)")
-        super().__init__(bus, attached, motion, name, tolerance)
-        self.units_per_turn = units_per_turn
-        self.reverse = reverse
-        self.limits = limits
-        self.rpm = rpm
-        self.acceleration = acceleration
+        super().__init__(bus, attached, motion, name, whole("tolerance", tolerance, 0))
+        self.units_per_turn = positive("units_per_turn", units_per_turn, "; use reverse=True to turn the other way")
+        self.reverse = flag("reverse", reverse)
+        self.limits = None if limits is None else _limits(limits)
+        self.rpm = real("rpm", rpm)
+        self.acceleration = real("acceleration", acceleration)
         self._planned: float | None = None
         """Where the queue will have taken it, in units, if that is known."""
         self._exact: float | None = None
         """Where the last move went, in units, before that was rounded to counts."""
-        self._pace(None, None)
+        self._pace(self.rpm, self.acceleration)
 
     def __repr__(self) -> str:
         return f"<{self.name}>"
@@ -96,8 +97,10 @@ class Axis(Conduct):
 
         Raises:
             LimitExceeded: one of them is out of its range; nothing is queued.
+            TypeError: one of them is no number; nothing is queued.
         """
         pace = self._pace(rpm, acceleration)
+        position = self._number("position", position)
         self._target(position)
         move = self._new_move(f"move to {position:g}", position)
         self._planned = position
@@ -111,6 +114,7 @@ class Axis(Conduct):
         as for `move_to`.
         """
         pace = self._pace(rpm, acceleration)
+        distance = self._number("distance", distance)
         self._to_counts(distance)
         if self._planned is not None:
             self._target(self._planned + distance, self._reach)
@@ -133,8 +137,11 @@ class Axis(Conduct):
 
         Raises:
             LimitExceeded: one of them is out of its range; nothing is queued.
+            TypeError: one of them is no number; nothing is queued.
         """
+        rpm = self._number("rpm", rpm)
         pace = self._pace(abs(rpm) or None, acceleration)
+        duration = None if duration is None else self._number("duration", duration)
         ticks = None if duration is None else self._ticks(duration)
         signed = self._sign * (pace.rpm if rpm > 0 else -pace.rpm if rpm < 0 else 0.0)
         move = self._new_move(f"run at {rpm:g} rpm", None)
@@ -194,12 +201,17 @@ class Axis(Conduct):
         """The same for a move by a distance, where the drive can go further so."""
         return self.target_range
 
+    @property
     @abstractmethod
-    def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
-        """What the drive makes of a speed and an acceleration; None for the axis' own.
+    def _fastest(self) -> tuple[float, str]:
+        """The highest speed, in rpm, and what makes it that."""
+
+    @abstractmethod
+    def _paced(self, rpm: float, acceleration: float) -> Pace:
+        """What the drive makes of a speed that it can have, and of an acceleration.
 
         Raises:
-            LimitExceeded: it cannot do that.
+            LimitExceeded: it cannot accelerate like that.
         """
 
     @abstractmethod
@@ -216,6 +228,25 @@ class Axis(Conduct):
     def _sign(self) -> int:
         return -1 if self.reverse else 1
 
+    def _number(self, what: str, value: float) -> float:
+        """A number given to a verb. Raises `TypeError`; `LimitExceeded` for nan."""
+        return real(f"{self.name}: {what}", value)
+
+    def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
+        """What the drive makes of a speed and an acceleration; None for the axis' own. Raises as verbs do."""
+        speed = self._number("rpm", self.rpm if rpm is None else rpm)
+        ramp = self._number("acceleration", self.acceleration if acceleration is None else acceleration)
+        self._check_speed(speed)
+        return self._paced(speed, ramp)
+
+    def _check_speed(self, rpm: float) -> None:
+        """Raise `LimitExceeded` for a speed that the motor cannot have."""
+        highest, why = self._fastest
+        if not 0 < rpm <= highest:
+            raise LimitExceeded(
+                f"{self.name}: rpm {rpm:g} is outside its range, which is above 0, up to {highest:g} ({why})"
+            )
+
     def _to_counts(self, units: float) -> int:
         """Counts of the drive. Raises `LimitExceeded` for what is no number, or has no end."""
         if not math.isfinite(units):
@@ -225,10 +256,9 @@ class Axis(Conduct):
     def _to_units(self, counts: int) -> float:
         return self._sign * counts / self.counts_per_turn * self.units_per_turn
 
-    def _check_time(self, what: str, seconds: float) -> None:
-        """Raise `LimitExceeded` for what is no time that one could wait."""
-        if not (isinstance(seconds, int | float) and 0 < seconds < math.inf):
-            raise LimitExceeded(f"{self.name}: {what} {seconds!r} is not a time above 0 s")
+    def _time(self, what: str, seconds: float) -> float:
+        """A time that one can wait. Raises `LimitExceeded` for others, `TypeError` for what is no number."""
+        return positive(f"{self.name}: {what} (s)", seconds)
 
     def _check_limits(self, position: float) -> None:
         """Raise `LimitExceeded` for a position that the axis' limits do not allow."""
@@ -312,3 +342,10 @@ class Axis(Conduct):
 
     def _forget_plans(self) -> None:
         self._planned = None
+
+
+def _limits(limits: tuple[float, float]) -> tuple[float, float]:
+    low, high = (real("each of limits", end) for end in pair("limits", limits, "a pair of numbers: (lowest, highest)"))
+    if low > high:
+        raise ValueError(f"limits {limits} are the wrong way round: (lowest, highest)")
+    return low, high

@@ -33,7 +33,7 @@ class Move(Handle[float]):
         target: where it goes, in the axis' units; None where it goes on or the drive decides.
         position: asks the axis where it is.
         cancel: stops the axis on behalf of this move.
-        unseen: told of a failure that nobody awaits.
+        unseen: told of its failure, as a `Handle` is.
     """
 
     def __init__(

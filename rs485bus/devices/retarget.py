@@ -47,6 +47,7 @@ class Retargeting(Axis):
             MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
         """
         pace = self._pace(rpm, acceleration)
+        position = self._number("position", position)
         target = self._target(position)
         if self._live is None or self._live.state is not MoveState.MOVING:
             raise MotionError(f"{self.name}: no move_to() or move_by() is under way that could be changed.")

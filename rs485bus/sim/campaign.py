@@ -100,9 +100,10 @@ class Verdict:
         ended = ", ".join(f"{name} {count}" for name, count in sorted(self.outcomes.items()))
         grown = f", memory {self.memory[1]} -> {self.memory[-1]} kB" if len(self.memory) > 1 else ""
         return (
-            f"{self.requests} requests in {self.seconds:.0f} s of virtual time: {ended}\n"
+            f"{self.requests} requests in {self.seconds:.0f} s of virtual time{grown}\n"
+            f"{ended}\n"
             f"{len(self.wrong)} wrong answers, {self.early_frames} frames before t3.5, {self.stuck} stuck jobs, "
-            f"{self.late_replies} late replies{grown}"
+            f"{self.late_replies} late replies"
         )
 
 

@@ -21,11 +21,15 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
+from rs485bus.arguments import whole
+
 BROADCAST = 0
 MAX_ADDRESS = 247
 MAX_FRAME = 256
 """The longest frame on the pair, address and CRC included (Modbus over Serial Line V1.02, 2.5.1)."""
 EXCEPTION_LENGTH = 5
+MAX_READ, MAX_WRITE = 125, 123
+"""How many registers one frame can read or write."""
 
 READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT = 1, 2, 3, 4
 WRITE_COIL, WRITE_SINGLE, WRITE_COILS, WRITE_MULTIPLE, MASK_WRITE, READ_WRITE = 5, 6, 15, 16, 22, 23
@@ -92,13 +96,19 @@ def registers(reply: bytes) -> list[int]:
     return list(struct.unpack_from(f">{reply[2] // 2}H", reply, 3))
 
 
-@lru_cache(maxsize=1024)
+def unit_address(address: int, *, highest: int = MAX_ADDRESS) -> int:
+    """The address of one unit, 1..247 or less. 0 is everyone's."""
+    return whole("address", address, 1, highest)
+
+
+# By type as well: what was checked of 1 says nothing of True, nor of 1.0.
+@lru_cache(maxsize=1024, typed=True)
 def read_holding(address: int, register: int, count: int) -> Request:
     """Read `count` (1..125) holding registers, function 03."""
     return _read(ReadHoldingRegistersRequest, address, register, count)
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=1024, typed=True)
 def read_input(address: int, register: int, count: int) -> Request:
     """Read `count` (1..125) input registers, function 04."""
     return _read(ReadInputRegistersRequest, address, register, count)
@@ -113,21 +123,24 @@ def write_single(address: int, register: int, value: int, *, hidden_refusal: boo
         value: 0..65535.
         hidden_refusal: the device says no by echoing 0xFFFF as the value (MKS RTU V1.0.9, 2.4).
     """
-    _check_window(address, register, 1, allow_broadcast=True)
-    _check_value(value)
-    adu = _encode(address, WriteSingleRegisterRequest(address=register, registers=[value]))
+    address = _any_address(address)
+    register, _ = _window(register, 1, 1)
+    adu = _encode(address, WriteSingleRegisterRequest(address=register, registers=[_value(value)]))
     refusal = adu[:4] + b"\xff\xff" if hidden_refusal else None
     return _write(address, WRITE_SINGLE, adu, adu[:6], refusal)
 
 
 def write_multiple(address: int, register: int, values: Sequence[int], *, hidden_refusal: bool = False) -> Request:
     """Write 1..123 registers, function 16. Arguments as for `write_single`."""
-    if not 1 <= len(values) <= 123:
-        raise ValueError(f"{len(values)} registers in one write; 1..123 fit a frame")
-    for value in values:
-        _check_value(value)
-    pdu = WriteMultipleRegistersRequest(address=register, registers=list(values))
-    return _write_block(address, register, pdu, hidden_refusal)
+    try:
+        count = len(values)
+    except TypeError:
+        raise TypeError(f"values must be a sequence of register values, [1, 2] say, not {values!r}") from None
+    if not 1 <= count <= MAX_WRITE:
+        raise ValueError(f"{count} registers in one write; 1..{MAX_WRITE} fit a frame")
+    register, _ = _window(register, count, MAX_WRITE)
+    pdu = WriteMultipleRegistersRequest(address=register, registers=[_value(value) for value in values])
+    return _write_block(address, pdu, hidden_refusal)
 
 
 def write_bytes(address: int, register: int, count: int, data: bytes, *, hidden_refusal: bool = False) -> Request:
@@ -137,12 +150,12 @@ def write_bytes(address: int, register: int, count: int, data: bytes, *, hidden_
     """
     if not 1 <= len(data) <= 246:
         raise ValueError(f"{len(data)} data bytes in one write; 1..246 fit a frame")
-    return _write_block(address, register, _WriteBytes(register, count, data), hidden_refusal)
+    return _write_block(address, _WriteBytes(*_window(register, count, MAX_WRITE), data), hidden_refusal)
 
 
 def from_pdu(address: int, pdu: ModbusPDU, reply: type[ModbusPDU]) -> Request:
     """Any request of pymodbus, answered by PDUs of the class `reply`."""
-    _check_address(address, allow_broadcast=True)
+    address = _any_address(address)
     adu = _encode(address, pdu)
     function = pdu.function_code
     prefix, length = adu[:2], int(reply.rtu_frame_size)
@@ -185,16 +198,15 @@ class _WriteBytes(WriteMultipleRegistersRequest):
 
 
 def _read(pdu: type[ModbusPDU], address: int, register: int, count: int) -> Request:
-    if not 1 <= count <= 125:
-        raise ValueError(f"count {count} is outside 1..125 registers a read")
-    _check_window(address, register, count, allow_broadcast=False)
+    address = unit_address(address)
+    register, count = _window(register, count, MAX_READ)
     function: int = pdu.function_code
     adu = _encode(address, pdu(address=register, count=count))
     return Request(address, function, adu, *_counted(address, function, 2 * count), writes=False)
 
 
-def _write_block(address: int, register: int, pdu: ModbusPDU, hidden_refusal: bool) -> Request:
-    _check_window(address, register, pdu.count, allow_broadcast=True)
+def _write_block(address: int, pdu: ModbusPDU, hidden_refusal: bool) -> Request:
+    address = _any_address(address)
     adu = _encode(address, pdu)
     return _write(address, WRITE_MULTIPLE, adu, adu[:6], adu[:4] + b"\0\0" if hidden_refusal else None)
 
@@ -209,18 +221,17 @@ def _encode(address: int, pdu: ModbusPDU) -> bytes:
     return head + crc(head)
 
 
-def _check_address(address: int, *, allow_broadcast: bool) -> None:
-    lowest = BROADCAST if allow_broadcast else 1
-    if not lowest <= address <= MAX_ADDRESS:
-        raise ValueError(f"address {address} is outside {lowest}..{MAX_ADDRESS}")
+def _any_address(address: int) -> int:
+    return whole("address", address, BROADCAST, MAX_ADDRESS)
 
 
-def _check_window(address: int, register: int, count: int, *, allow_broadcast: bool) -> None:
-    _check_address(address, allow_broadcast=allow_broadcast)
-    if not 0 <= register <= 0xFFFF or register + count > 0x10000:
+def _window(register: int, count: int, most: int) -> tuple[int, int]:
+    """Where `count` registers begin that one frame names, and how many they are."""
+    register, count = whole("register address", register, 0, 0xFFFF), whole("count", count, 1, most)
+    if register + count > 0x10000:
         raise ValueError(f"registers {register}..{register + count - 1} are outside 0..65535")
+    return register, count
 
 
-def _check_value(value: int) -> None:
-    if not 0 <= value <= 0xFFFF:
-        raise ValueError(f"register value {value} is outside 0..65535")
+def _value(value: int) -> int:
+    return whole("register value", value, 0, 0xFFFF)

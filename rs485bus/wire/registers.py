@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Literal, TypeVar, cast
 
+from rs485bus.arguments import choice, real
 from rs485bus.errors import LimitExceeded
 
 T = TypeVar("T")
@@ -88,28 +89,34 @@ class Field(Generic[T]):
 
     def raw(self, value: T) -> int:
         """The whole number that stands for `value`, checked against the range."""
-        number = cast(float, value)
         if isinstance(self.into, enum.EnumType):
-            self._check_choice(number)
-        low = self.number.low * self.step if self.low is None else self.low
-        high = self.number.high * self.step if self.high is None else self.high
+            self._check_choice(value)
+        number = cast(Any, value)
+        if not isinstance(number, int | float):
+            number = real(self.name, number, f"a number in {self._range}")
+        low, high = self._ends
         if not low <= number <= high:
             unit = f" {self.unit}" if self.unit else ""
-            raise LimitExceeded(f"{self.name} {value}{unit} is outside {low:.12g}..{high:.12g}{unit}")
-        raw = round(number / self.step)
+            raise LimitExceeded(f"{self.name} {value}{unit} is outside {self._range}")
+        raw: int = round(number / self.step)
         if self.step == 1 and raw != number:
             raise LimitExceeded(f"{self.name} {value} is not a whole number")
         return raw
 
-    def _check_choice(self, value: float) -> None:
+    @property
+    def _ends(self) -> tuple[float, float]:
+        low = self.number.low * self.step if self.low is None else self.low
+        return low, self.number.high * self.step if self.high is None else self.high
+
+    @property
+    def _range(self) -> str:
+        low, high = self._ends
+        return f"{low:.12g}..{high:.12g}" + (f" {self.unit}" if self.unit else "")
+
+    def _check_choice(self, value: object) -> None:
         into = cast(Any, self.into)
-        if issubclass(into, enum.Flag):
-            return
-        try:
-            into(value)
-        except ValueError:
-            choices = ", ".join(f"{member.name} ({member.value})" for member in into)
-            raise LimitExceeded(f"{self.name} {value!r} is none of {choices}") from None
+        if not issubclass(into, enum.Flag):
+            choice(self.name, value, into)
 
 
 @dataclass(frozen=True, slots=True)

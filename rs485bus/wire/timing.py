@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from rs485bus.arguments import whole
+
 Parity = Literal["N", "E", "O"]
 
 # Above this rate the specification fixes the silences, so that fast lines do not ask for impossible timers.
@@ -42,8 +44,7 @@ class LineSettings:
     """The silence, in seconds, that must stand between two frames."""
 
     def __post_init__(self) -> None:
-        if not 300 <= self.baudrate <= 4_000_000:
-            raise ValueError(f"baudrate {self.baudrate} is outside 300..4000000 bit/s")
+        whole("baudrate", self.baudrate, 300, 4_000_000)
         if self.parity not in ("N", "E", "O"):
             raise ValueError(f"parity {self.parity!r} is none of 'N' (none), 'E' (even), 'O' (odd)")
         if self.stopbits not in (1, 2):

@@ -17,3 +17,4 @@ def test_a_short_campaign(seed: int, noise: Noise) -> None:
     assert verdict.outcomes["reply"] > 3_000
     assert sum(verdict.outcomes.values()) == 5_000
     assert verdict.late_replies > 50
+    assert max(map(len, str(verdict).splitlines())) < 80

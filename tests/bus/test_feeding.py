@@ -170,6 +170,11 @@ def test_what_cannot_be_fed_in_time_is_refused_with_the_numbers() -> None:
     assert refused.value.numbers["available"] == pytest.approx(0.1 * 2 / 3)
 
 
+def test_one_watchdog_that_cannot_be_fed_is_one() -> None:
+    with pytest.raises(WatchdogInfeasible, match=r"^1 watchdog cannot be fed in time: one feed each takes 10 ms"):
+        admit([watch(1, timeout=0.1, cost=0.01)], [0.02], 0.1)
+
+
 def test_31_devices_of_100_ms_at_9600_baud_are_refused_before_anything_is_armed() -> None:
     rig = Rig(line=LineSettings(baudrate=9600), config=QUICK)
     made = drives(rig, 31)

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from rs485bus import open_bus
+from rs485bus import MksServo, TlrStepper, open_bus
+from rs485bus.cli.serve import FAMILIES
 from rs485bus.sim import Machine, SimMks, VirtualLine
 from tests.real.support import in_real_time, posix, running
+from tests.shell.support import virtual
 
 COMMAND = (sys.executable, "-m", "rs485bus")
 
@@ -50,6 +52,12 @@ def test_wrong_input_is_told_in_words(arguments: tuple[str, ...], said: str) -> 
     assert "Traceback" not in result.stderr
 
 
+def test_the_demo_counts_down_on_an_open_port_only() -> None:
+    result = call("demo", "--port", "/dev/ttyNOPE")
+    assert "There is no port /dev/ttyNOPE." in " ".join(result.stderr.split())
+    assert result.stdout == ""
+
+
 def test_verify_watchdog_asks_before_it_moves_anything() -> None:
     result = subprocess.run(
         (*COMMAND, "verify-watchdog", "--mks", "1"),
@@ -60,7 +68,7 @@ def test_verify_watchdog_asks_before_it_moves_anything() -> None:
         check=False,
     )
     assert result.returncode == 1
-    assert "Is it free to turn?" in result.stdout
+    assert "Is it alone and free to turn?" in result.stdout
     assert "Nothing was moved." in result.stdout
 
 
@@ -92,10 +100,22 @@ def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_p
             process.send_signal(signal.SIGINT)
             output, _ = await asyncio.wait_for(process.communicate(), 10)
         assert b"MKS 4, ZLAC 5, TL-R 6 at 115200 bit/s" in output
+        assert b"home() finds a switch: MKS 2 turns down, TL-R 2 turns up." in output
         assert b"0 of them before t3.5" in output
         assert process.returncode == 130
 
     in_real_time(main)
+
+
+@pytest.mark.parametrize(("family", "facade"), [("MKS", MksServo), ("TL-R", TlrStepper)])
+@virtual
+async def test_the_drives_of_sim_have_what_their_homing_as_shipped_needs(
+    family: str, facade: type[MksServo] | type[TlrStepper]
+) -> None:
+    async with open_bus(VirtualLine(FAMILIES[family](4))) as bus:
+        axis = facade(bus, 4)
+        axis.enable()
+        assert await axis.home() == 0.0
 
 
 @posix

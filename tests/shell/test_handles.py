@@ -11,7 +11,8 @@ import anyio
 import pytest
 
 from rs485bus import MoveState
-from rs485bus.errors import MoveCancelled, MoveFailed, MoveTimeout
+from rs485bus.bus.handle import Handle
+from rs485bus.errors import MotionError, MoveCancelled, MoveFailed, MoveTimeout, RearmRequired
 from rs485bus.sim import VirtualClockLoop
 from tests.shell.support import bus_on, plant, virtual
 
@@ -312,3 +313,35 @@ async def test_a_stop_that_nobody_awaits_happens_and_one_whose_awaiter_is_cancel
         stopping.cancel()
         await asyncio.sleep(1.0)
         assert made.stands()
+
+
+@virtual
+async def test_a_failure_whose_only_waiter_gives_up_at_the_same_moment_is_raised_from_the_block() -> None:
+    for given_up_first in (True, False):
+        with pytest.raises(ExceptionGroup) as group:
+            async with bus_on(plant()) as (bus, _):
+                handle: Handle[None] = Handle("test", bus.unseen)
+                waiting = asyncio.create_task(handle.wait())
+                await asyncio.sleep(0)
+                if given_up_first:
+                    waiting.cancel()
+                handle.fail(MotionError("it failed"))
+                waiting.cancel()
+                with pytest.raises(asyncio.CancelledError):
+                    await waiting
+        assert str(group.value.exceptions[0]) == "it failed"
+
+
+@virtual
+async def test_a_failure_is_not_logged_that_is_waited_for_by_who_asked(caplog: pytest.LogCaptureFixture) -> None:
+    async with bus_on(plant()) as (bus, (x,)):
+        await bus.emergency_stop()
+        bus.clear_emergency_stop()
+        caplog.clear()
+        # It fails before the task that waits for it has begun.
+        with pytest.raises(RearmRequired):
+            await asyncio.gather(x.move_to(1.0))
+        with pytest.raises(RearmRequired):
+            await asyncio.wait_for(x.move_to(1.0), 5.0)
+        await asyncio.sleep(0.1)
+        assert "failed" not in caplog.text

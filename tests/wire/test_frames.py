@@ -64,7 +64,7 @@ def test_nobody_answers_a_broadcast() -> None:
         (lambda: read_holding(1, 0, 0), "count 0 is outside 1..125"),
         (lambda: read_holding(1, 0, 126), "count 126 is outside 1..125"),
         (lambda: read_holding(1, 65535, 2), "registers 65535..65536 are outside"),
-        (lambda: read_holding(1, -1, 2), "registers -1..0 are outside"),
+        (lambda: read_holding(1, -1, 2), "register address -1 is outside 0..65535"),
         (lambda: write_single(1, 0, 65536), "value 65536 is outside 0..65535"),
         (lambda: write_single(1, 0, -1), "value -1 is outside"),
         (lambda: write_multiple(1, 0, []), "0 registers in one write"),
@@ -112,3 +112,10 @@ def test_other_functions_come_from_pymodbus_with_the_shape_of_their_replies() ->
     assert fifo.length == 0
     assert fifo.sizer is not None
     assert not fifo.writes
+
+
+def test_what_was_asked_before_does_not_excuse_another_type() -> None:
+    read_holding(1, 0, 1)
+    for address, register, count in ((True, 0, 1), (1, False, 1), (1, 0, 1.0)):
+        with pytest.raises(TypeError, match="must be a whole number"):
+            read_holding(address, register, count)  # type: ignore[arg-type] # the point of the test

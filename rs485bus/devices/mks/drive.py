@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import anyio
 
+from rs485bus.arguments import choice
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.job import Urgency
 from rs485bus.devices.axis import Axis
@@ -32,7 +33,7 @@ from rs485bus.errors import (
     OutcomeUnknown,
     ReferenceLost,
 )
-from rs485bus.wire.frames import Request, payload
+from rs485bus.wire.frames import Request, payload, unit_address
 from rs485bus.wire.registers import Block, Register
 
 T = TypeVar("T")
@@ -71,12 +72,12 @@ class MksDrive(Axis):
         acceleration: float = 1000.0,
         tolerance: int = 8,
     ) -> None:
-        self.address = address
-        self.model = model
-        self.mode = mode
+        self.address = unit_address(address)
+        self.model = choice("model", model, Model)
+        self.mode = choice("mode", mode, WorkMode)
         self.microsteps = r.MICROSTEPS.raw(microsteps)
-        self.positive = positive
-        self._drive = MksAttached(address, self._heard, self._was_interrupted)
+        self.positive = choice("positive", positive, MotionDirection)
+        self._drive = MksAttached(self.address, self._heard, self._was_interrupted)
         self._stuck: Look | None = None
         self._homed: tuple[Homed, Homed] | None = None
         """The homing status with which its zero was found, if it was."""
@@ -86,7 +87,7 @@ class MksDrive(Axis):
             bus,
             self._drive,
             self._drive.motion,
-            f"{FAMILY} {address}",
+            f"{FAMILY} {self.address}",
             units_per_turn=units_per_turn,
             reverse=reverse,
             limits=limits,
@@ -252,6 +253,8 @@ class MksDrive(Axis):
         try:
             await super()._carry_out_enable()
         except (NotEnabled, DeviceRefused) as error:
+            if isinstance(error, DeviceRefused) and error.code is not None:
+                raise  # MKS drives refuse in their replies (2.4): this one has nothing to show on its screen
             raise NotEnabled(f"{error} {hints(alarms.KEEP_IT_OFF)}") from error
         if self._seen is not None:
             await self._has_forgotten_zero(self._seen)
@@ -294,12 +297,10 @@ class MksDrive(Axis):
 
     # What the drive can do
 
-    def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
-        wanted = self.rpm if rpm is None else rpm
+    def _paced(self, rpm: float, acceleration: float) -> Pace:
         factor = self._speed_factor
-        self._check_speed(wanted)
-        speed = max(1, round(wanted * factor))
-        ramp, real = self._ramp(self.acceleration if acceleration is None else acceleration)
+        speed = max(1, round(rpm * factor))
+        ramp, real = self._ramp(acceleration)
         return Pace(speed / factor, real, speed, ramp)
 
     @property
@@ -307,13 +308,10 @@ class MksDrive(Axis):
         """What a speed value is of an rpm: it turns the shaft at value * 16 / microsteps where not calibrated (7.1)."""
         return 1.0 if self.microsteps in _CALIBRATED else self.microsteps / 16
 
-    def _check_speed(self, rpm: float) -> None:
+    @property
+    def _fastest(self) -> tuple[float, str]:
         highest = min(self.mode.max_rpm, int(r.MAX_SPEED / self._speed_factor))
-        if not 0 < rpm <= highest:
-            raise LimitExceeded(
-                f"{self.name}: {rpm:g} rpm is outside 0..{highest} rpm of mode {self.mode.name} at "
-                f"{self.microsteps} microsteps"
-            )
+        return highest, f"mode {self.mode.name} at {self.microsteps} microsteps"
 
     def _speed_code(self, pace: Pace) -> int:
         """How its speed is said now. The microsteps may have been changed since the pace was made."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, TypeVar
 
+from rs485bus.arguments import real
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.values import Model
 from rs485bus.errors import LimitExceeded
@@ -60,7 +61,7 @@ def current(address: int, model: Model, milliamperes: int, save: bool) -> Reques
 
 def check_current(name: str, model: Model, milliamperes: int) -> None:
     """Raise `LimitExceeded` for a current that a model cannot give."""
-    if not 0 <= milliamperes <= model.max_current:
+    if not 0 <= real(name, milliamperes) <= model.max_current:
         raise LimitExceeded(f"{name} {milliamperes} mA is outside 0..{model.max_current} mA of a SERVO{model.value}")
 
 

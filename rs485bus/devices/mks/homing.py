@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rs485bus.arguments import instance, real
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import check_current, write_block
 from rs485bus.devices.mks.values import HomingMode, Level, Model, ParameterDirection, SingleTurn, ZeroPoint
@@ -48,7 +49,7 @@ class StopHoming:
     def frames(self, address: int, model: Model) -> list[Request]:
         """What sets a drive up for it. Raises `LimitExceeded`."""
         check_current("homing current", model, self.current)
-        offset = round(self.offset_turns * r.COUNTS_PER_TURN)
+        offset = round(real("offset_turns", self.offset_turns) * r.COUNTS_PER_TURN)
         return [
             write_block(address, r.HOMING, Level.LOW, self.direction, self.rpm, False),
             write_block(address, r.HOMING_TORQUE, offset, HomingMode.STOP, self.current),
@@ -81,3 +82,16 @@ class SingleTurnHoming:
 
 
 Homing = SwitchHoming | StopHoming | SingleTurnHoming
+
+
+def homing_frames(address: int, model: Model, homing: Homing) -> list[Request]:
+    """What sets a drive up for a way of homing.
+
+    Raises:
+        LimitExceeded: a value is out of its range.
+        TypeError: it is no way of homing.
+    """
+    kinds = (SwitchHoming, StopHoming, SingleTurnHoming)
+    return instance("homing", homing, kinds, "SwitchHoming(), StopHoming() or SingleTurnHoming()").frames(
+        address, model
+    )

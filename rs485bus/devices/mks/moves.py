@@ -42,6 +42,7 @@ class MksMoves(MksDrive, Retargeting):
             LimitExceeded: one of them is out of its range; nothing is queued.
         """
         pace = self._pace(rpm, acceleration)
+        pulses = self._whole("pulses", pulses)
         _check_distance(r.MOVE_PULSES.fields[3], abs(pulses))
 
         async def start(code: int) -> None:
@@ -59,6 +60,7 @@ class MksMoves(MksDrive, Retargeting):
         It also goes where `move_to` and `move_by` cannot: beyond the 32 bits of an absolute target.
         """
         pace = self._pace(rpm, acceleration)
+        counts = self._whole("counts", counts)
         _check_distance(r.MOVE_COUNTS.fields[2], self._sign * counts)
 
         async def start(code: int) -> None:
@@ -72,6 +74,7 @@ class MksMoves(MksDrive, Retargeting):
     def move_to_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go to a position counted in pulses from zero (9.2): -2147483648..2147483647. Else as `move_to`."""
         pace = self._pace(rpm, acceleration)
+        pulses = self._whole("pulses", pulses)
         r.MOVE_TO_PULSES.fields[2].raw(self._sign * pulses)
 
         async def start(code: int) -> None:
@@ -81,6 +84,13 @@ class MksMoves(MksDrive, Retargeting):
         return self._queue(f"move to {pulses} pulses", pace, lambda _: self._counts_of(pulses), start, once=False)
 
     # Inside
+
+    def _whole(self, what: str, value: float) -> int:
+        """A whole number, which may be given as a float."""
+        number = self._number(what, value)
+        if not number.is_integer():
+            raise LimitExceeded(f"{self.name}: {what} {value!r} is not a whole number")
+        return int(number)
 
     def _queue(
         self,

@@ -11,7 +11,7 @@ from rs485bus.devices.conduct import Look
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import write
-from rs485bus.devices.mks.homing import Homing, SingleTurnHoming
+from rs485bus.devices.mks.homing import Homing, SingleTurnHoming, homing_frames
 from rs485bus.devices.mks.values import GoHome, Homed
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.errors import DeviceOffline, HomingFailed, NoReply, NotEnabled, OutcomeUnknown, RequestFailed
@@ -44,8 +44,9 @@ class MksOrigin(MksDrive):
 
         Raises:
             LimitExceeded: a value is out of its range; nothing is queued.
+            TypeError: one is of a wrong type; nothing is queued.
         """
-        frames = [] if homing is None else homing.frames(self.address, self.model)
+        frames = [] if homing is None else homing_frames(self.address, self.model, homing)
         half = None if homing is None else _SINGLE_TURN if isinstance(homing, SingleTurnHoming) else _ORIGIN
         return self._seek("home", frames, _Search(GoHome.ORIGIN, half, timeout))
 
@@ -58,7 +59,7 @@ class MksOrigin(MksDrive):
         return self._seek("return to zero", [], _Search(GoHome.COORDINATE, None, timeout))
 
     def _seek(self, what: str, frames: Sequence[Request], search: _Search) -> Move:
-        self._check_time("timeout", search.timeout)
+        search = search._replace(timeout=self._time("timeout", search.timeout))
         move = self._new_move(what, 0.0)
         self._planned = 0.0
         self._orders.add(move, lambda: self._carry_out_search(move, frames, search))

@@ -92,7 +92,7 @@ class MksService(MksSetup):
         Raises:
             LimitExceeded: out of range; nothing is queued.
         """
-        wanted = seconds * 1000
+        wanted = self._number("heartbeat time", seconds) * 1000
         if not wanted == 0 and not 1 <= wanted <= MksWatchdog.highest:  # less than one would turn it off
             raise LimitExceeded(
                 f"{self.name}: heartbeat time {seconds:g} s is outside 0.001..{MksWatchdog.highest / 1000} s; 0 is off"

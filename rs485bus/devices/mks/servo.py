@@ -35,4 +35,5 @@ class MksServo(MksMoves, MksOrigin, MksService, MksQuestions):
     Raises:
         AddressInUse: there is a facade for this address already.
         LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
     """

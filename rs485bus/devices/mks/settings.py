@@ -10,9 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
+from rs485bus.arguments import choice
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import current, write, write_block
-from rs485bus.devices.mks.homing import Homing
+from rs485bus.devices.mks.homing import Homing, homing_frames
 from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Level, Model, ParameterDirection, WorkMode
 from rs485bus.errors import NotSupported
 from rs485bus.wire.frames import Request
@@ -138,7 +139,7 @@ SETTINGS: Final[dict[str, Setting]] = {
         "homing",
         "5.3.2, 5.3.3, 5.3.4",
         _KEPT | _STANDING | Cost.HOMING | Cost.SLOW,
-        lambda address, model, homing: homing.frames(address, model),
+        homing_frames,
     ),
 }
 """All settings of a profile, by the name of its field."""
@@ -168,6 +169,10 @@ class MksProfile:
     pulse_divider: PulseDivider | None = None
     limit_remap: bool | None = None
     homing: Homing | None = None
+
+    def __post_init__(self) -> None:
+        if self.mode is not None:
+            object.__setattr__(self, "mode", choice("mode", self.mode, WorkMode))
 
     def values(self) -> dict[str, Any]:
         """The settings that it holds, by name."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from rs485bus.arguments import choice
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import current
@@ -54,7 +55,7 @@ class MksSetup(MksDrive):
 
     def set_mode(self, mode: WorkMode) -> Handle[None]:
         """Who commands the motor, and how it is driven (3.2.2). The motor must stand. The bus moves the SR modes."""
-        return self._set("mode", mode)
+        return self._set("mode", choice("work mode", mode, WorkMode))
 
     def set_current(self, milliamperes: int, *, save: bool = True) -> Handle[None]:
         """The working current: 0..3000 mA, of a 57D 0..5200 mA (3.2.3).

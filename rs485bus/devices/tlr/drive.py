@@ -138,21 +138,21 @@ class TlrDrive(TlrKnowledge):
 
     # What the drive can do
 
-    def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
-        wanted = self.rpm if rpm is None else rpm
-        if not 0 < wanted <= r.MAX_RPM:
-            raise LimitExceeded(f"{self.name}: {wanted:g} rpm is outside 0..{r.MAX_RPM} rpm")
-        speed = max(1, round(wanted))
-        wanted = self.acceleration if acceleration is None else acceleration
+    @property
+    def _fastest(self) -> tuple[float, str]:
+        return r.MAX_RPM, "what the drive takes"
+
+    def _paced(self, rpm: float, acceleration: float) -> Pace:
+        speed = max(1, round(rpm))
         # The time is that of a ramp to the speed, or to one that is always the same.
         full = self.ramp_rpm or float(speed)
         slowest = full * 1000 / r.MAX_RAMP_MS
-        if not wanted >= slowest * 0.999:
+        if not acceleration >= slowest * 0.999:
             raise LimitExceeded(
-                f"{self.name}: acceleration {wanted:g} rpm/s is below {slowest:g} rpm/s, the slowest at {speed} rpm: a "
-                f"ramp takes {r.MAX_RAMP_MS} ms at most"
+                f"{self.name}: acceleration {acceleration:g} rpm/s is below {slowest:g} rpm/s, the slowest at {speed} "
+                f"rpm: a ramp takes {r.MAX_RAMP_MS} ms at most"
             )
-        time = min(r.MAX_RAMP_MS, round(full * 1000 / wanted))
+        time = min(r.MAX_RAMP_MS, round(full * 1000 / acceleration))
         return Pace(float(speed), full * 1000 / time if time else math.inf, speed, time)
 
     def _ticks(self, duration: float) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import anyio
 
+from rs485bus.arguments import choice, instance, real
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.drive import TlrDrive
@@ -47,6 +48,10 @@ class Homing:
     offset: float = 0.0
     """In units of the axis. Whether it goes there afterwards, or the origin has that position, is up to the drive."""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", choice("mode", self.mode, HomingMode))
+        real("offset", self.offset)
+
 
 class TlrHoming(TlrDrive):
     """A drive that finds its origin."""
@@ -62,9 +67,11 @@ class TlrHoming(TlrDrive):
 
         Raises:
             LimitExceeded: a value is out of its range; nothing is queued.
+            TypeError: one is of a wrong type; nothing is queued.
         """
-        self._check_time("timeout", timeout)
+        timeout = self._time("timeout", timeout)
         if homing is not None:
+            instance("homing", homing, Homing, "Homing(mode=HomingMode.NEGATIVE_LIMIT)")
             r.HOMING.encode(homing.mode, homing.rpm, homing.creep_rpm, homing.ramp_ms, 0)
             if not (homing.rpm and homing.creep_rpm):
                 raise LimitExceeded(f"{self.name}: it never finds its origin at 0 rpm")

@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from rs485bus.arguments import flag, whole
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.job import Urgency
@@ -22,6 +23,7 @@ from rs485bus.devices.tlr.telemetry import Report
 from rs485bus.devices.tlr.values import DiFunction, StatusWord
 from rs485bus.devices.tlr.witness import Witness
 from rs485bus.errors import DriveFault, MotionError, MoveFailed, ReferenceLost
+from rs485bus.wire.frames import unit_address
 from rs485bus.wire.registers import Block, Register
 
 T = TypeVar("T")
@@ -60,17 +62,22 @@ class TlrKnowledge(Retargeting):
         keeps_target: bool,
         enabled_bit: bool,
     ) -> None:
-        if pulses_per_turn is not None and pulses_per_turn < 1:
-            raise ValueError(f"pulses_per_turn {pulses_per_turn} is below 1")
-        self.address = address
-        self.keeps_target = self.tells_restarts = keeps_target
-        self.enabled_bit = enabled_bit
+        if pulses_per_turn is not None:
+            pulses_per_turn = whole("pulses_per_turn", pulses_per_turn, 1)
+        self.address = unit_address(address)
+        self.keeps_target = self.tells_restarts = flag("keeps_target", keeps_target)
+        self.enabled_bit = flag("enabled_bit", enabled_bit)
         # Nothing is refused at the coarsest subdivision that could be gone to at the one it turns out to have.
         self.counts_per_turn = pulses_per_turn or r.LEAST_PULSES
         self._pulses = pulses_per_turn
         self._given_tolerance = tolerance
-        self._drive = TlrAttached(address, self.told_standing, self._was_interrupted)
-        self.link = Link(bus, self._drive, clear_trigger=clear_trigger, block_writes=block_writes)
+        self._drive = TlrAttached(self.address, self.told_standing, self._was_interrupted)
+        self.link = Link(
+            bus,
+            self._drive,
+            clear_trigger=flag("clear_trigger", clear_trigger),
+            block_writes=flag("block_writes", block_writes),
+        )
         self._ready = False
         self._energised: bool | None = None
         """Whether it was told to hold its motor; None if it was told nothing since it started."""
@@ -83,7 +90,7 @@ class TlrKnowledge(Retargeting):
             bus,
             self._drive,
             self._drive.motion,
-            f"{FAMILY} {address}",
+            f"{FAMILY} {self.address}",
             units_per_turn=units_per_turn,
             reverse=reverse,
             limits=limits,

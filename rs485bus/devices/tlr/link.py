@@ -20,7 +20,6 @@ _log = logging.getLogger("rs485bus")
 _TRUNCATED_FROM = 5
 """Registers in one write of which some firmware keeps only the first ones."""
 _REFUSALS = {
-    ExceptionCode.ILLEGAL_ADDRESS: "illegal address: it has no such parameter",
     ExceptionCode.ILLEGAL_DATA: "illegal data: the value is outside what this parameter can be",
     ExceptionCode.EXECUTION_DENIED: "execution denied: it does not do that now. Look at its status for an alarm, an "
     "input that holds it, or a motion under way",
@@ -120,7 +119,7 @@ class Link:
         try:
             return await self._bus.ask(request, urgency=urgency, repeat=repeat, moves=moves, motion=motion)
         except DeviceRefused as refused:
-            known = next((code for code in ExceptionCode if code == refused.code), None)
+            known = next((code for code in _REFUSALS if code == refused.code), None)
             if known is None:
                 raise
             raise DeviceRefused(

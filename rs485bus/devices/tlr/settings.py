@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
+from rs485bus.arguments import whole
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.drive import TlrDrive
 from rs485bus.devices.tlr.values import Auxiliary, BaudRate, LimitStop, OperatingMode, SerialFormat
-from rs485bus.errors import LimitExceeded, NotSupported
+from rs485bus.errors import NotSupported
 from rs485bus.wire.frames import MAX_ADDRESS
 from rs485bus.wire.registers import Field, Register, Repeat
 
@@ -45,6 +46,7 @@ class TlrSettings(TlrDrive):
             if low is not high:
                 raise ValueError("set_soft_limits takes both limits, or none to turn them off")
             return self.put_setting(r.SOFT_LIMITS_ON, False)
+        low, high = self._number("soft limit", low), self._number("soft limit", high)
         if low > high:
             raise ValueError(f"soft limits {low:g}..{high:g} are the wrong way round")
 
@@ -77,9 +79,7 @@ class TlrSettings(TlrDrive):
         Whether it counts at once or after `save()` and a power cycle is not said. Make a new `TlrStepper` for it then.
         If the answer is lost, `OutcomeUnknown` is raised: ask for it at both addresses.
         """
-        if not 1 <= station <= MAX_ADDRESS:
-            raise LimitExceeded(f"station {station} is outside 1..{MAX_ADDRESS}")
-        return self._reach_by(r.STATION, station)
+        return self._reach_by(r.STATION, whole("station", station, 1, MAX_ADDRESS))
 
     def set_baudrate(self, baudrate: BaudRate) -> Handle[None]:
         """Its baud rate while SW5 is on. When it counts is not said, as for `set_station`; open the bus at it then."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rs485bus.arguments import flag, positive
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.job import Urgency
@@ -94,6 +95,7 @@ class TlrStepper(TlrHoming, TlrSettings):
     Raises:
         AddressInUse: there is a facade for this address already.
         LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
     """
 
     def __init__(
@@ -116,11 +118,9 @@ class TlrStepper(TlrHoming, TlrSettings):
         live_jog: bool = False,
         ramp_rpm: float | None = None,
     ) -> None:
-        if ramp_rpm is not None and not ramp_rpm > 0:
-            raise ValueError(f"ramp_rpm {ramp_rpm} is not above 0")
         self.start_rpm = r.START_SPEED.raw(start_rpm)
-        self.live_jog = live_jog
-        self.ramp_rpm = ramp_rpm
+        self.live_jog = flag("live_jog", live_jog)
+        self.ramp_rpm = None if ramp_rpm is None else positive("ramp_rpm", ramp_rpm)
         super().__init__(
             bus,
             address,

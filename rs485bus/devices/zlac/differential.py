@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator
 
 import anyio
 
+from rs485bus.arguments import positive, real
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.zlac.odometry import Odometry, Pose
 from rs485bus.devices.zlac.together import Both
@@ -34,13 +35,10 @@ class DifferentialDrive:
     def __init__(
         self, zlac: Zlac8015d, wheel_radius: float, track: float, *, acceleration: float | None = None
     ) -> None:
-        for name, value in (("wheel_radius", wheel_radius), ("track", track)):
-            if not value > 0:
-                raise ValueError(f"{name} {value} is not above 0 m")
         self.zlac = zlac
-        self.wheel_radius = wheel_radius
-        self.track = track
-        self._acceleration = None if acceleration is None else self._rpm(acceleration)
+        self.wheel_radius = positive("wheel_radius", wheel_radius)
+        self.track = positive("track", track)
+        self._acceleration = None if acceleration is None else self._rpm(real("acceleration", acceleration))
         self._begin = Pose()
         self._odometry: Odometry | None = None
         self._looked_at = 0.0
@@ -60,7 +58,9 @@ class DifferentialDrive:
 
         Raises:
             LimitExceeded: a wheel would have to turn too fast.
+            TypeError: a speed is no number.
         """
+        v, omega = real("v", v), real("omega", omega)
         left, right = (self._rpm(v + side * omega * self.track / 2) for side in (-1, 1))
         return self.zlac.run(self._step(left), self._step(right), acceleration=self._acceleration, replace=True)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
+from rs485bus.arguments import flag, positive, whole
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.job import Urgency
 from rs485bus.bus.motion import Motion
@@ -36,6 +37,19 @@ class ZlacOptions:
     ramp_rpm: float | None
     scaled_position_speed: bool
     zero_in_position_mode: bool
+
+    def __post_init__(self) -> None:
+        positive("max_rpm", self.max_rpm)
+        if self.encoder_lines is not None:
+            whole("encoder_lines", self.encoder_lines, 1)
+        if self.speed_resolution is not None:
+            r.SPEED_RESOLUTION.raw(self.speed_resolution)
+        if self.status_word_left not in ("low", "high"):
+            raise ValueError(f"status_word_left {self.status_word_left!r} is neither 'low' nor 'high'")
+        if self.ramp_rpm is not None:
+            positive("ramp_rpm", self.ramp_rpm)
+        flag("scaled_position_speed", self.scaled_position_speed)
+        flag("zero_in_position_mode", self.zero_in_position_mode)
 
 
 class ZlacDriver:

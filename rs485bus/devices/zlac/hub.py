@@ -275,23 +275,24 @@ class HubMotor(Axis):
         return self.driver.attached.mode
 
     def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
-        limit = self.driver.speed_limit
-        wanted = min(self.rpm, limit) if rpm is None else rpm
-        if not 0 < wanted <= limit:
-            raise LimitExceeded(
-                f"{self.name}: {wanted:g} rpm is outside 0..{limit:g} rpm, the least of max_rpm, 0x2008 and {r.MAX_RPM}"
-            )
+        # The drive may be set to less (0x2008) than the facade was made for.
+        return super()._pace(min(self.rpm, self.driver.speed_limit) if rpm is None else rpm, acceleration)
+
+    @property
+    def _fastest(self) -> tuple[float, str]:
+        return self.driver.speed_limit, f"the least of max_rpm, 0x2008 and {r.MAX_RPM}"
+
+    def _paced(self, rpm: float, acceleration: float) -> Pace:
         resolution = self.driver.speed_resolution
-        real = max(1, round(wanted * resolution)) / resolution
-        rate = self.acceleration if acceleration is None else acceleration
+        real = max(1, round(rpm * resolution)) / resolution
         change = self.driver.options.ramp_rpm or real
         lowest = 1000 * change / r.MAX_RAMP
-        if not rate >= lowest:
+        if not acceleration >= lowest:
             raise LimitExceeded(
-                f"{self.name}: acceleration {rate:g} rpm/s is below {lowest:.3g} rpm/s: a ramp lasts at most "
+                f"{self.name}: acceleration {acceleration:g} rpm/s is below {lowest:.3g} rpm/s: a ramp lasts at most "
                 f"{r.MAX_RAMP / 1000} s. Infinity is a jump"
             )
-        ramp = round(1000 * change / rate)
+        ramp = round(1000 * change / acceleration)
         return Pace(real, 1000 * change / ramp if ramp else math.inf, round(real), ramp)
 
     def _ticks(self, duration: float) -> int:

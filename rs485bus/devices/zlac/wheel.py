@@ -38,6 +38,7 @@ class ZlacWheel(HubMotor):
     def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go a distance, as every axis does it. Beyond what an absolute target may be (0x3FFFFFFF counts either way) it
         is sent as a distance, which may be 0x7FFFFFFF counts long."""
+        distance = self._number("distance", distance)
         if abs(self._to_counts(distance)) > r.MAX_COUNTS:
             raise LimitExceeded(
                 f"{self.name}: a way of {distance:g} is longer than {r.MAX_COUNTS} counts, which is what the drive can "

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Literal, TypeVar
 
+from rs485bus.arguments import flag, pair
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
@@ -26,6 +27,7 @@ from rs485bus.devices.zlac.together import Both, Together
 from rs485bus.devices.zlac.values import Brake, ShaftState, Side
 from rs485bus.devices.zlac.wheel import ZlacWheel
 from rs485bus.errors import DriveFault, NotSent, RearmRequired, RequestFailed
+from rs485bus.wire.frames import unit_address
 from rs485bus.wire.registers import Register
 
 T = TypeVar("T")
@@ -64,6 +66,7 @@ class Zlac8015d:
     Raises:
         AddressInUse: there is a facade for this address already.
         LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
     """
 
     def __init__(
@@ -86,15 +89,12 @@ class Zlac8015d:
         scaled_position_speed: bool = False,
         zero_in_position_mode: bool = False,
     ) -> None:
-        if not 1 <= address <= MAX_ADDRESS:
-            raise ValueError(f"address {address} is outside 1..{MAX_ADDRESS}; 0 is everyone's, not a drive's")
-        if speed_resolution is not None:
-            r.SPEED_RESOLUTION.raw(speed_resolution)
         self.bus = bus
-        self.address = address
+        self.address = unit_address(address, highest=MAX_ADDRESS)
+        reverses = pair("reverse", reverse, "a pair of True or False: (left, right)")
         attached = ZlacAttached(
-            address,
-            smooth_stop=smooth_stop,
+            self.address,
+            smooth_stop=flag("smooth_stop", smooth_stop),
             told=self._heard,
             interrupted=self._was_interrupted,
             quick_stopped=self._quick_stopped,
@@ -118,7 +118,7 @@ class Zlac8015d:
                 self._set_up,
                 side,
                 units_per_turn=units_per_turn,
-                reverse=reverse[side.index],
+                reverse=reverses[side.index],
                 limits=limits,
                 rpm=rpm,
                 acceleration=acceleration,

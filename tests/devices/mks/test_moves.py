@@ -55,7 +55,7 @@ async def test_the_highest_speed_is_what_the_drive_can_be_told(microsteps: int, 
     async with bench(FlakyMks(microsteps=microsteps), microsteps=microsteps) as on:
         await on.axis.run(highest, acceleration=20_000)
         assert await on.axis.velocity() == highest
-        with pytest.raises(LimitExceeded, match=rf"outside 0\.\.{highest} rpm of mode SR_VFOC at {microsteps}"):
+        with pytest.raises(LimitExceeded, match=rf"above 0, up to {highest} \(mode SR_VFOC at {microsteps}"):
             on.axis.run(highest + 1)
 
 
@@ -65,7 +65,7 @@ async def test_the_highest_speed_is_what_the_drive_can_be_told(microsteps: int, 
 @on_virtual_clock
 async def test_each_mode_has_its_highest_speed(mode: WorkMode, highest: int) -> None:
     async with bench(FlakyMks(mode=mode), mode=mode) as on:
-        with pytest.raises(LimitExceeded, match=rf"outside 0\.\.{highest} rpm of mode {mode.name}"):
+        with pytest.raises(LimitExceeded, match=rf"above 0, up to {highest} \(mode {mode.name}"):
             on.axis.move_to(1, rpm=highest + 1)
         await on.axis.move_to(1, rpm=highest)
 
@@ -79,7 +79,7 @@ async def test_moves_behind_a_change_of_microsteps_reckon_with_it() -> None:
         assert on.sent(r.MOVE_TO_COUNTS)[0][9:11] == (800).to_bytes(2, "big")
         assert move.eta is not None
         assert on.bus.now() == pytest.approx(move.eta, abs=0.2)
-        with pytest.raises(LimitExceeded, match=r"0\.\.375 rpm"):
+        with pytest.raises(LimitExceeded, match="up to 375 "):
             on.axis.move_to(0, rpm=400)
 
 
@@ -278,7 +278,7 @@ async def test_a_speed_that_the_mode_does_not_have_any_more_is_not_sent() -> Non
     async with bench(FlakyMks()) as on:
         on.axis.set_mode(WorkMode.SR_OPEN)
         move = on.axis.move_to(1.0, rpm=1000)  # checked against the mode in force
-        with pytest.raises(LimitExceeded, match=r"outside 0\.\.400 rpm of mode SR_OPEN"):
+        with pytest.raises(LimitExceeded, match=r"above 0, up to 400 \(mode SR_OPEN"):
             await move
         assert not on.sent(r.MOVE_TO_COUNTS)
 

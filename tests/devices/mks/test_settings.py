@@ -173,7 +173,7 @@ OUT_OF_RANGE: list[tuple[Callable[[MksServo], Handle[None]], str]] = [
     (lambda x: x.set_heartbeat(-0.001), r"heartbeat time -0.001 s is outside 0\.001\.\.4294967\.295 s; 0 is off"),
     (lambda x: x.set_heartbeat(4294967.296), r"is outside 0\.001\.\.4294967\.295 s"),
     (lambda x: x.set_heartbeat(0.0004), r"0\.0004 s is outside 0\.001\.\."),  # it would turn it off
-    (lambda x: x.set_heartbeat(float("nan")), r"nan s is outside"),
+    (lambda x: x.set_heartbeat(float("nan")), "must be a number, not nan"),
     (lambda x: x.set_mode(6), r"work mode 6 is none of CR_OPEN \(0\), .*SR_VFOC \(5\)"),  # type: ignore[arg-type] # wrongly
     (lambda x: x.set_holding_current(9), r"none of PERCENT_10 \(0\), .*PERCENT_90 \(8\)"),  # type: ignore[arg-type] # wrongly
     (lambda x: x.set_key_lock(2), r"key lock 2 is outside 0\.\.1"),  # type: ignore[arg-type] # wrongly

@@ -277,7 +277,7 @@ async def test_versions() -> None:
 async def test_vendor_exceptions_have_their_names() -> None:
     sim = SimTlr()
     async with stepper_on(sim) as x:
-        for code, name in ((2, "illegal address"), (3, "illegal data"), (4, "execution denied")):
+        for code, name in ((3, "illegal data"), (4, "execution denied")):
             receive = sim.receive
             sim.receive = functools.partial(_refuse, code)  # type: ignore[method-assign]
             with pytest.raises(DeviceRefused, match=f"TL-R 1 refuses, {name}.*exception 0{code}") as refused:

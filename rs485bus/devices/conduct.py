@@ -168,7 +168,7 @@ class Conduct(Halting):
         target = self._way[1]
         if not self._near(look.position, target):
             raise await self._why(look, target)
-        self._check_arrival(move, look)
+        self._check_arrival(move)
         self._commanded, self._seen = target, look
         return look
 
@@ -238,11 +238,12 @@ class Conduct(Halting):
         self._forget()
         raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
 
-    def _check_arrival(self, move: Move, look: Look) -> None:
-        """Notice that it is at its target sooner than it can have gone there."""
+    def _check_arrival(self, move: Move) -> None:
+        """Notice that it was just seen at its target sooner than it can have gone there."""
         assert move.started_at is not None
         assert move.eta is not None
-        if look.at - move.started_at < (move.eta - move.started_at) / 2 - _FRESH:
+        # When it was asked tells nothing of how long that took: the answer may have been lost, or waited for the wire.
+        if self.bus.now() - move.started_at < (move.eta - move.started_at) / 2 - _FRESH:
             self._lost = "it was at its target sooner than it can have gone there: the drive may have restarted."
             raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
 
@@ -285,7 +286,7 @@ class Conduct(Halting):
         if target is not None and self._near(look.position, target):
             if once and self._near(before.position, target):
                 raise OutcomeUnknown(f"{self.name}: a move so short is not to be seen in its position.")
-            self._check_arrival(move, look)
+            self._check_arrival(move)
             return True
         self._check_reference(look, before)
         return False

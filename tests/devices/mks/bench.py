@@ -10,7 +10,7 @@ from typing import Any, ParamSpec
 
 import anyio
 
-from rs485bus import MksServo, open_bus
+from rs485bus import BusConfig, MksServo, open_bus
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.record import Record
 from rs485bus.devices.move import Move, MoveState
@@ -106,10 +106,12 @@ class Bench:
 
 
 @asynccontextmanager
-async def bench(*sims: SimMks, baudrate: int = 115200, enable: bool = True, **options: Any) -> AsyncIterator[Bench]:
+async def bench(
+    *sims: SimMks, baudrate: int = 115200, config: BusConfig | None = None, enable: bool = True, **options: Any
+) -> AsyncIterator[Bench]:
     """A bus with these drives on it, each with an enabled axis."""
     line = VirtualLine(*sims, baudrate=baudrate)
-    async with open_bus(line) as bus:
+    async with open_bus(line, config=config or BusConfig()) as bus:
         on = Bench(bus, line, sims, options)
         if enable:
             for axis in on.axes:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import anyio
 import pytest
 
+from rs485bus import BusConfig
 from rs485bus.devices.mks import MotionDirection, WorkMode
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.move import Move
@@ -271,6 +272,16 @@ async def test_a_watched_drive_that_restarts_is_not_taken_for_one_that_arrived_a
             sim.restart(on.bus.now())  # the next feed hears that it stands, and it reads zero there
             with pytest.raises(ReferenceLost, match="sooner than it can"):
                 await move
+
+
+@on_virtual_clock
+async def test_a_drive_that_says_late_that_it_has_arrived_did_not_restart() -> None:
+    sim = FlakyMks()
+    async with bench(sim, config=BusConfig(reply_timeout=1.0)) as on:
+        sim.lose_reply(r.MOVE_TO_COUNTS)
+        sim.lose_reply(r.STATUS, times=2)
+        await on.axis.move_to(28.0, rpm=600, acceleration=math.inf)  # 2.8 s, and it is heard of after 3
+        assert sim.moves == 1
 
 
 @on_virtual_clock

@@ -113,13 +113,17 @@ class Conduct(Halting):
     async def _read_velocity(self) -> float:
         """rpm, in the drive's direction."""
 
+    async def _write_ahead(self, target: int, pace: Pace) -> None:
+        """Tell the drive all of a move that it can be told before it starts. Nothing moves by it."""
+
     @abstractmethod
-    async def _send_move(self, target: int, pace: Pace) -> None:
-        """Start a move to an absolute target. Raises `OutcomeUnknown` if nobody knows whether it started."""
+    async def _send_start(self, target: int, pace: Pace) -> None:
+        """Start the move that was written ahead, by one frame. Raises `OutcomeUnknown` if nobody knows whether it
+        started."""
 
     @abstractmethod
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
-        """Change to a speed, in the drive's direction, perhaps for a time. Raises as `_send_move`."""
+        """Change to a speed, in the drive's direction, perhaps for a time. Raises as `_send_start`."""
 
     @abstractmethod
     async def _send_enable(self, on: bool) -> None:
@@ -132,6 +136,11 @@ class Conduct(Halting):
     @abstractmethod
     async def _why(self, look: Look, target: int) -> MotionError:
         """Why it stands where it should not, from what the drive reports."""
+
+    async def _send_move(self, target: int, pace: Pace) -> None:
+        """Start a move to an absolute target. Raises as `_send_start`."""
+        await self._write_ahead(target, pace)
+        await self._send_start(target, pace)
 
     async def _meanwhile(self, move: Move) -> None:
         """Called during a move each time before the axis is looked at."""

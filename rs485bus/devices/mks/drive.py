@@ -261,7 +261,8 @@ class MksDrive(Axis):
             write_block(self.address, block, *values), repeat=block.repeat, moves=True, motion=self.motion
         )
 
-    async def _send_move(self, target: int, pace: Pace) -> None:
+    async def _send_start(self, target: int, pace: Pace) -> None:
+        # One frame says it all.
         self._plan_stop(r.MOVE_TO_COUNTS, (pace.ramp_code, 0, 0), pace)
         await self._send(r.MOVE_TO_COUNTS, pace.ramp_code, self._speed_code(pace), target)
 

@@ -28,10 +28,12 @@ class TlrDrive(TlrKnowledge):
 
     # Commands
 
-    async def _send_move(self, target: int, pace: Pace) -> None:
+    async def _write_ahead(self, target: int, pace: Pace) -> None:
         # 0 comes before the target, too: nothing that is still set may start it.
         await self._clear()
         await self._put_target(target, pace)
+
+    async def _send_start(self, target: int, pace: Pace) -> None:
         await self._trigger(_START, pace)
         await self._see_it_start(target)
 

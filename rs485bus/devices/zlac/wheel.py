@@ -230,8 +230,11 @@ class ZlacWheel(HubMotor):
 
     # Commands
 
-    async def _send_move(self, target: int, pace: Pace) -> None:
-        await self._start(Target(target, self._from, round(pace.rpm), pace.ramp_code), self.modes.start)
+    async def _write_ahead(self, target: int, pace: Pace) -> None:
+        await self._act(Target(target, self._from, round(pace.rpm), pace.ramp_code), self.modes.aim)
+
+    async def _send_start(self, target: int, pace: Pace) -> None:
+        await self._start(None, self.modes.launch)
 
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
         self._told = (r.TARGET_VELOCITY, round(rpm * self.driver.speed_resolution))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
 from rs485bus.bus.attached import Attached, Member
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
 from rs485bus.bus.guarding import EmergencyReport, emergency_stop, shut_down
@@ -29,6 +30,9 @@ T = TypeVar("T")
 
 _log = logging.getLogger("rs485bus")
 
+_STOPS_TAKE = 0.5
+"""Seconds for which it is waited until stops are on the wire. A device may be left alone for a while."""
+
 
 class Bus:
     """One RS-485 pair. Made by `open_bus`.
@@ -44,6 +48,7 @@ class Bus:
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
         self._owner.feeding.on_escape = warn_of
+        self._owner.starts.poke = self._pump
         self._alarm = transport.alarm(self._wake)
         self._pumping = False
         self._again = False
@@ -222,8 +227,12 @@ class Bus:
         moves: bool = False,
         motion: Motion | None = None,
         reply_timeout: float | None = None,
+        slot: Slot | None = None,
     ) -> bytes:
-        """Send a request; return the frame that answers it. Raises as described at `Unit`."""
+        """Send a request; return the frame that answers it. Raises as described at `Unit`.
+
+        One with a `slot` goes out with others, as one, and as what starts a group.
+        """
         if motion is None and moves:
             attached = self._owner.stations[request.address].attached
             motion = None if attached is None else attached.motion
@@ -235,6 +244,7 @@ class Bus:
             moves=moves,
             motion=motion,
             reply_timeout=reply_timeout,
+            slot=slot,
             expires_at=None if timeout is None else self._loop.time() + timeout,
             on_end=lambda _: settle(ended, None),
         )
@@ -269,6 +279,19 @@ class Bus:
         self._owner.now = self._loop.time()
         halt = self._owner.halt(self._owner.stations[attached.address], motion, emergency=emergency, frames=frames)
         halt.listen(told)
+        self._pump()
+
+    def after_stops(self, callback: Callable[[], None]) -> None:
+        """Call back as soon as all stops that wait are on the wire; before long, too, where they cannot go out."""
+        called: list[None] = []
+
+        def once() -> None:
+            if not called:
+                called.append(None)
+                callback()
+
+        self._owner.after_stops(once)
+        self._loop.call_later(_STOPS_TAKE, once)
         self._pump()
 
     def spawn(self, coroutine: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:

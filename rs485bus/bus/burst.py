@@ -7,7 +7,7 @@ start with others does not start without them. What is not answered ends none: i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -91,24 +91,7 @@ class Slot:
     place: int
 
 
-def takes(line: LineSettings, silence: float, request: Request, turnaround: float = USUAL_TURNAROUND) -> float:
-    """Seconds from the begin of a frame to that of the next one, where the device needs so long to begin to answer."""
+def takes(line: LineSettings, silence: float, request: Request, turnaround: float | None = None) -> float:
+    """Seconds from the begin of a frame to that of the next one, if the device begins to answer after so many."""
+    turnaround = USUAL_TURNAROUND if turnaround is None else turnaround
     return line.budget(len(request.adu), turnaround, request.length) + silence
-
-
-def heard_after(
-    line: LineSettings, silence: float, requests: Sequence[Request], turnaround: Callable[[int], float]
-) -> list[float]:
-    """When each of some frames that go out as one will have been heard, in seconds from the begin of the first one.
-
-    Args:
-        line: how characters travel.
-        silence: seconds that must stand between two frames.
-        requests: the frames.
-        turnaround: how long the device at an address takes before it answers, in seconds.
-    """
-    heard, begins = [], 0.0
-    for request in requests:
-        heard.append(begins + line.airtime(len(request.adu)))
-        begins += takes(line, silence, request, turnaround(request.address))
-    return heard

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
 from rs485bus.bus.attached import Attached, Member
@@ -281,6 +281,11 @@ class Bus:
         halt.listen(told)
         self._pump()
 
+    def heard_after(self, requests: Sequence[Request]) -> list[float]:
+        """When each of some frames that go out as one will have been understood, in seconds from the first one's
+        begin."""
+        return self._owner.starts.heard_after(requests, self.flight)
+
     def after_stops(self, callback: Callable[[], None]) -> None:
         """Call back as soon as all stops that wait are on the wire; before long, too, where they cannot go out."""
         called: list[None] = []
@@ -290,6 +295,9 @@ class Bus:
                 called.append(None)
                 callback()
 
+        if self._owner.gate.closed:
+            callback()
+            return
         self._owner.after_stops(once)
         self._loop.call_later(_STOPS_TAKE, once)
         self._pump()

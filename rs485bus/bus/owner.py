@@ -143,10 +143,8 @@ class Owner:
             frame = self._send(job, max(now, pair.quiet_at))
             wake = pair.quiet_at if pair.job is None else pair.wait_until(self._queue.has(Urgency.STOP))
         self._wake = wake
-        if self._after_stops and not (self.gate.connected and self._queue.has(Urgency.STOP)):
-            callbacks, self._after_stops = self._after_stops, []
-            for callback in callbacks:
-                callback()
+        if not (self.gate.connected and self._queue.has(Urgency.STOP)):
+            self._stops_are_out()
         return frame
 
     def unplugged(self, now: float) -> None:
@@ -182,6 +180,7 @@ class Owner:
             self._unanswered("lost")
         self._flush(self._queue, lambda _: True, Reason.CLOSED)
         self._clockwork.clear()
+        self._stops_are_out()
 
     # Stopping
 
@@ -224,6 +223,11 @@ class Owner:
     def flush(self, reason: Reason) -> None:
         """End every job that waits but the bus' own and stops."""
         self._flush(self._queue, lambda job: not job.internal and job.urgency is not Urgency.STOP, reason)
+
+    def _stops_are_out(self) -> None:
+        callbacks, self._after_stops = self._after_stops, []
+        for callback in callbacks:
+            callback()
 
     def _stands(self, station: Station) -> None:
         assert station.halt is not None

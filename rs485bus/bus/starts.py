@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from rs485bus.bus.burst import Burst, takes
 from rs485bus.bus.gate import Gate
 from rs485bus.bus.job import Job, Outcome, Reason
 from rs485bus.bus.pair import Pair
 from rs485bus.bus.queue import Queue
+from rs485bus.bus.record import Record
+from rs485bus.wire.frames import Request
 
 _LOOK_EVERY = 0.01
 """Seconds after which a burst that waits for another pair is looked at again."""
@@ -78,6 +80,22 @@ class Starts:
             if job is not None:
                 return job, 0.0, True
         return None, again, False
+
+    def heard_after(self, requests: Sequence[Request], records: Sequence[Record]) -> list[float]:
+        """When each of some frames that go out as one will have been understood, in seconds from the begin of the
+        first: that is after a silence.
+
+        Args:
+            requests: the frames.
+            records: the latest transactions, which tell how long each device takes before it answers.
+        """
+        line, heard, begins = self._pair.line, [], 0.0
+        for request in requests:
+            heard.append(begins + line.airtime(len(request.adu)) + self._pair.silence)
+            answers = (record for record in reversed(records) if record.address == request.address and record.reply)
+            last = next(answers, None)
+            begins += takes(line, self._pair.silence, request, last and last.turnaround(line))
+        return heard
 
     def gives_way(self, now: float) -> bool:
         """Whether a burst has had the wire for as long as it may be taken at once: where it was not answered."""

@@ -14,11 +14,14 @@ from dataclasses import dataclass
 import anyio
 
 from rs485bus.bus.attached import Attached
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.watch import admit_and_arm
 from rs485bus.devices.halting import Halting
+from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move, MoveState
+from rs485bus.devices.pace import Pace
 from rs485bus.errors import (
     DeviceOffline,
     MotionError,
@@ -31,7 +34,7 @@ from rs485bus.errors import (
     ReferenceLost,
     RequestFailed,
 )
-from rs485bus.profile import Profile
+from rs485bus.wire.frames import Request
 
 _ATTEMPTS = 3
 _POLL_SHORTEST, _POLL_LONGEST = 0.01, 0.05
@@ -39,6 +42,8 @@ _FRESH = 0.25
 """Seconds for which what was seen of a standing axis is taken to hold."""
 _PATIENCE = 2.0
 """Seconds in which a drive may answer again that did not say whether it took a move."""
+_WATCH = 0.06
+"""Seconds between two looks at an axis on which others depend."""
 _SPEED_TOLERANCE = 0.03
 
 
@@ -51,17 +56,6 @@ class Look:
     position: int
     moving: bool
     enabled: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """How fast a move goes: what the drive makes of what was asked for, and how that is said to it."""
-
-    rpm: float
-    acceleration: float
-    """rpm/s; infinity for a jump."""
-    speed_code: int
-    ramp_code: int
 
 
 class Conduct(Halting):
@@ -117,9 +111,13 @@ class Conduct(Halting):
         """Tell the drive all of a move that it can be told before it starts. Nothing moves by it."""
 
     @abstractmethod
-    async def _send_start(self, target: int, pace: Pace) -> None:
-        """Start the move that was written ahead, by one frame. Raises `OutcomeUnknown` if nobody knows whether it
-        started."""
+    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+        """Start the move that was written ahead, by one frame: at once, or when it is its turn. Raises
+        `OutcomeUnknown` if nobody knows whether it started."""
+
+    @abstractmethod
+    def start_frame(self, target: int, pace: Pace) -> Request:
+        """Such a frame."""
 
     @abstractmethod
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
@@ -137,10 +135,14 @@ class Conduct(Halting):
     async def _why(self, look: Look, target: int) -> MotionError:
         """Why it stands where it should not, from what the drive reports."""
 
-    async def _send_move(self, target: int, pace: Pace) -> None:
+    async def _send_move(self, target: int, pace: Pace, slot: Slot | None = None) -> None:
         """Start a move to an absolute target. Raises as `_send_start`."""
         await self._write_ahead(target, pace)
-        await self._send_start(target, pace)
+        await self._send_start(target, pace, slot)
+
+    async def _seems_to_move(self, rpm: float) -> bool:
+        """Whether it moves as it should, with a speed given, as far as can be told at little cost."""
+        return (await self._look(quick=True)).moving
 
     async def _meanwhile(self, move: Move) -> None:
         """Called during a move each time before the axis is looked at."""
@@ -160,22 +162,42 @@ class Conduct(Halting):
 
         `send` starts it in another way than `_send_move` does; `once` as for `_begin`.
         """
-        move.rpm, move.acceleration = pace.rpm, pace.acceleration
         before = await self._prepare()
+        slot = None
+        if isinstance(move, JointMove):
+            await move.prepared()
+            if self.bus.now() - before.at > _FRESH:
+                before = await self._prepare()
         target = target_from(before)
         turns = abs(target - before.position) / self.counts_per_turn
-        seconds = Profile(turns, pace.rpm, pace.acceleration).duration
+        if isinstance(move, JointMove):
+            pace, slot = await move.agree(0.0 if self._near(target, before.position) else turns, target)
+            move.profile = pace.profile(turns)
+        move.rpm, move.acceleration = pace.rpm, pace.acceleration
+        seconds = pace.seconds(turns)
         self._forget()
         move.state = MoveState.STARTING
         self._way = (before.position, target)
         move.eta = self.bus.now() + seconds
-        await self._begin(move, before, target, send or (lambda: self._send_move(target, pace)), once=once)
+
+        async def start() -> None:
+            nonlocal slot
+            # Only the first attempt goes out with the others, when it is its turn.
+            place, slot = slot, None
+            try:
+                await self._send_move(target, pace, place)
+            finally:
+                if place is not None and move.started_at is not None:
+                    move.started_at = max(move.started_at, self.motion.commanded_at)
+
+        await self._begin(move, before, target, send or start, once=once)
         move.state = MoveState.MOVING
         assert move.started_at is not None
         move.eta = move.started_at + seconds
         look = await self._arrive(move, lambda look: self._near(look.position, self._way[1]))
         target = self._way[1]
         if not self._near(look.position, target):
+            self._stumble()
             raise await self._why(look, target)
         self._check_arrival(move, look)
         self._commanded, self._seen = target, look
@@ -323,26 +345,62 @@ class Conduct(Halting):
         self._stands.clear()
         while True:
             with anyio.move_on_after(max(0.0, move.eta - self.bus.now())):
-                await self._stands.wait()
+                await (self._watch(move) if isinstance(move, JointMove) else self._stands.wait())
             self._stands.clear()
             await self._meanwhile(move)
             asked = self.bus.now()
-            try:
-                look = await self._look(quick=True)
-            except NoReply:
-                look = None
-            except DeviceOffline as error:
-                self._suspect("its drive stopped answering and may have restarted.")
-                await self._block(f"its drive stopped answering during {move.what}")
-                raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
+            look = await self._look_during(move)
             grace = self.attached.may_start_until(self.motion)
-            if look is not None and not look.moving and (arrived(look) or look.at > grace):
+            if look is None or self._keeps_up(move, look):
+                pass  # so slow that it may seem to stand
+            elif not look.moving and (arrived(look) or look.at > grace):
                 self.motion.stands(look.at)
                 return look
             # On a full or bad line an answer takes a while, and says nothing of the time in which it was waited for.
             if asked > 2 * move.eta - move.started_at + 1:
                 raise self._too_late(move)
             await anyio.sleep(pause)
+
+    async def _look_during(self, move: Move) -> Look | None:
+        """How it is in the middle of a move; None if it did not answer. Raises `MoveFailed` if it does not any more."""
+        try:
+            return await self._look(quick=True)
+        except NoReply:
+            return None
+        except DeviceOffline as error:
+            self._suspect("its drive stopped answering and may have restarted.")
+            await self._block(f"its drive stopped answering during {move.what}")
+            raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
+
+    async def _watch(self, move: JointMove) -> None:
+        """Look often at an axis that others depend on, as long as it moves as it should."""
+        assert move.rpm is not None
+        while not self._stands.is_set():
+            with anyio.move_on_after(_WATCH):
+                await self._stands.wait()
+            try:
+                if not await self._seems_to_move(move.rpm):
+                    return
+            except (NoReply, DeviceOffline):
+                return
+
+    def _keeps_up(self, move: Move, look: Look) -> bool:
+        """Whether an axis that others depend on is on its way, and where it should be by now."""
+        if not isinstance(move, JointMove) or move.profile is None:
+            return False
+        assert move.started_at is not None
+        assert move.eta is not None
+        expected = move.profile.turns_after(look.at - move.started_at - self.attached.start_grace)
+        gone = abs(look.position - self._way[0])
+        return look.at < move.eta and gone + self.tolerance >= expected * self.counts_per_turn
+
+    async def _stay(self, move: JointMove, arrived: Look) -> None:
+        """Stay where it has arrived until all have."""
+        while not await move.all_arrived(_WATCH):
+            look = await self._look_during(move)
+            if look is not None:
+                self._check_reference(look, arrived)
+                self._seen = look
 
     def _too_late(self, move: Move) -> MoveTimeout:
         self._begin_stop(emergency=False)

@@ -13,6 +13,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.handle import Handle, settle
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.stopping import Halted
@@ -312,13 +313,16 @@ class ZlacModes:
         counts = {side: target.counts - target.start * relative for side, target in wanted.items()}
         await driver.ask(self._targets(r.TARGET_POSITION, counts), motion=self._motion(wanted))
 
-    async def launch(self, wheels: Collection[Side]) -> None:
+    async def launch(self, wheels: Collection[Side], slot: Slot | None) -> None:
         """Start wheels that were told where to go. Raises `OutcomeUnknown` if nobody knows whether they started."""
-        driver = self.driver
-        word = ControlWord.START_BOTH if len(wheels) == len(Side) else _STARTS[next(iter(wheels))]
+        driver, request = self.driver, self.start_frame(wheels)
         self.told_at.update(dict.fromkeys(wheels, driver.bus.now()))
-        request = control(driver.attached.address, word)
-        await driver.ask(request, repeat=Repeat.VERIFY, moves=True, motion=self._motion(wheels))
+        await driver.ask(request, repeat=Repeat.VERIFY, moves=True, motion=self._motion(wheels), slot=slot)
+
+    def start_frame(self, wheels: Collection[Side]) -> Request:
+        """What starts wheels that were told where to go."""
+        word = ControlWord.START_BOTH if len(wheels) == len(Side) else _STARTS[next(iter(wheels))]
+        return control(self.driver.attached.address, word)
 
     async def told(self, twin: r.Twin[int], wanted: dict[Side, int]) -> bool:
         """Whether the drive holds these targets."""

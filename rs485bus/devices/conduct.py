@@ -16,6 +16,7 @@ import anyio
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
+from rs485bus.bus.job import Urgency
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.watch import admit_and_arm
 from rs485bus.devices.halting import Halting
@@ -368,9 +369,24 @@ class Conduct(Halting):
         except NoReply:
             return None
         except DeviceOffline as error:
-            self._suspect("its drive stopped answering and may have restarted.")
-            await self._block(f"its drive stopped answering during {move.what}")
-            raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
+            raise await self._fell_silent(move) from error
+
+    async def _fell_silent(self, move: Move) -> MoveFailed:
+        """Its drive does not answer any more."""
+        self._suspect("its drive stopped answering and may have restarted.")
+        await self._block(f"its drive stopped answering during {move.what}")
+        return MoveFailed(f"{self.name} stopped answering during {move.what}.")
+
+    async def _answers(self) -> bool:
+        """Whether its drive answers to something that need not wait for the late answer to something else."""
+        late = self.bus.owner.stations[self.attached.address].late
+        reads = self.attached.reads()
+        request = next((read for read in reads if not late.must_wait(read)), reads[0])
+        try:
+            await self.bus.ask(request, urgency=Urgency.POLL)
+        except (NoReply, DeviceOffline):
+            return False
+        return True
 
     async def _watch(self, move: JointMove) -> None:
         """Look often at an axis that others depend on, as long as it moves as it should."""
@@ -381,8 +397,9 @@ class Conduct(Halting):
             try:
                 if not await self._seems_to_move(move.rpm):
                     return
-            except (NoReply, DeviceOffline):
-                return
+            except (NoReply, DeviceOffline) as error:
+                if not await self._answers():
+                    raise await self._fell_silent(move) from error
 
     def _keeps_up(self, move: Move, look: Look) -> bool:
         """Whether an axis that others depend on is on its way, and where it should be by now."""

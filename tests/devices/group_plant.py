@@ -26,7 +26,13 @@ class Plant:
     """
 
     def __init__(
-        self, *kinds: str, pairs: int = 1, baudrate: int = 115200, noise: Noise | None = None, delay: float = 0.005
+        self,
+        *kinds: str,
+        pairs: int = 1,
+        baudrate: int = 115200,
+        noise: Noise | None = None,
+        seed: int = 0,
+        delay: float = 0.005,
     ) -> None:
         self.kinds = kinds
         self.sims: dict[str, SimDevice] = {}
@@ -57,7 +63,7 @@ class Plant:
                 self.motors[name] = lambda drive=drive: drive.motion.motor
                 sim = drive
             self.sims[name] = sim
-        self.lines = [VirtualLine(*each, baudrate=baudrate, noise=noise or Noise()) for each in devices]
+        self.lines = [VirtualLine(*each, baudrate=baudrate, noise=noise or Noise(), seed=seed) for each in devices]
         self.buses: list[Bus] = []
         self.axes: dict[str, Axis] = {}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import copy
 import math
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from rs485bus.bus.handle import Handle
@@ -115,7 +115,7 @@ class Everyone(Generic[T]):
             raise _named(name, error) from error
         return results
 
-    def __await__(self) -> Any:
+    def __await__(self) -> Generator[Any, None, dict[str, T]]:
         return self.wait().__await__()
 
 

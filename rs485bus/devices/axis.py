@@ -17,10 +17,11 @@ from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.watch import Watchdog
-from rs485bus.devices.conduct import Conduct, Look
+from rs485bus.devices.conduct import Conduct
 from rs485bus.devices.joint import Company, JointMove
 from rs485bus.devices.move import Move
 from rs485bus.devices.pace import Pace, quickest
+from rs485bus.devices.travel import Look
 from rs485bus.errors import EmergencyStopped, LimitExceeded, MoveCancelled, NotSent
 
 T = TypeVar("T")

@@ -134,9 +134,9 @@ async def test_one_that_stops_answering_stops_the_others(who: str) -> None:
     async with plant(*ALL, config=BusConfig(reply_timeout=0.03)) as p:
         move = await under_way(p)
         back = dead(p, who)
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(0.4)
         assert {at for at, name in enumerate("abc", start=1) if name != who} <= stopped(p)
-        await asyncio.sleep(1.0)
+        await asyncio.sleep(1.6)
         back()
         # A watchdog that is on as shipped may trip before it is known that it does not stop.
         with pytest.raises((MoveFailed, RearmRequired), match=rf"^{who}: .* (stopped answering|unheard)"):

@@ -13,7 +13,6 @@ from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.job import Urgency
 from rs485bus.devices.axis import Axis
-from rs485bus.devices.conduct import Look
 from rs485bus.devices.mks import alarms
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.alarms import hints
@@ -22,6 +21,7 @@ from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.devices.mks.values import Homed, Model, MotionDirection, Status, WorkMode
 from rs485bus.devices.move import Move
 from rs485bus.devices.pace import Pace
+from rs485bus.devices.travel import Look
 from rs485bus.errors import (
     DeviceRefused,
     LimitExceeded,

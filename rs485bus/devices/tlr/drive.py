@@ -7,13 +7,13 @@ import math
 import anyio
 
 from rs485bus.bus.burst import Slot
-from rs485bus.devices.conduct import Look
 from rs485bus.devices.move import Move
 from rs485bus.devices.pace import Pace
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.frames import control, words
 from rs485bus.devices.tlr.knowledge import TlrKnowledge
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord
+from rs485bus.devices.travel import Look
 from rs485bus.errors import LimitExceeded, RequestFailed
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat

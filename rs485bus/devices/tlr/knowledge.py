@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.job import Urgency
-from rs485bus.devices.conduct import Look
 from rs485bus.devices.retarget import Retargeting
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.alarms import alarm_of
@@ -21,6 +20,7 @@ from rs485bus.devices.tlr.link import Link
 from rs485bus.devices.tlr.telemetry import Report
 from rs485bus.devices.tlr.values import DiFunction, StatusWord
 from rs485bus.devices.tlr.witness import Witness
+from rs485bus.devices.travel import Look
 from rs485bus.errors import DriveFault, MotionError, MoveFailed, ReferenceLost
 from rs485bus.wire.registers import Block, Register
 

@@ -16,8 +16,8 @@ from rs485bus.bus.job import Urgency
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.stopping import Halted
 from rs485bus.devices.axis import Axis
-from rs485bus.devices.conduct import Look
 from rs485bus.devices.pace import Pace
+from rs485bus.devices.travel import Look
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.modes import ZlacModes
 from rs485bus.devices.zlac.setup import SetUp

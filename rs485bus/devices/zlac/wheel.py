@@ -13,10 +13,10 @@ import anyio
 from rs485bus.bus.burst import Slot
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.axis import Axis, Goal
-from rs485bus.devices.conduct import Look
 from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.devices.pace import Pace
+from rs485bus.devices.travel import Look
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import write_together
 from rs485bus.devices.zlac.hub import HubMotor

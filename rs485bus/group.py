@@ -29,10 +29,20 @@ class GroupMove(Cancellable[dict[str, float]]):
     """
 
     def __init__(self, axes: Mapping[str, Axis], goals: Mapping[str, Goal], wish: Wish) -> None:
+        self._root: str | None = None
+        """Who failed first."""
         super().__init__(f"move of the group {', '.join(axes)}", self._report)
         self._axes = axes
         self._formation = Formation(axes, goals, wish, self.finish, self._failed)
-        self._root: str | None = None
+
+    @property
+    def seen(self) -> bool:
+        """Its failure was raised to somebody: its own, or the one that it comes from."""
+        return self._seen or (self._root is not None and self.moves[self._root].seen)
+
+    @seen.setter
+    def seen(self, seen: bool) -> None:
+        self._seen = seen
 
     @property
     def moves(self) -> Mapping[str, Move]:

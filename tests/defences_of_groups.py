@@ -41,8 +41,8 @@ GROUPS = [
     Defence(
         "group: a burst without answers that keeps watchdogs from being fed",
         "bus/owner.py",
-        "if watch is None or not self.starts.gives_way(self.now):",
-        "if True:",
+        "if self.starts and (watch is None or not self.starts.gives_way(self.now)):",
+        "if self.starts:",
         _BURSTS,
     ),
     Defence(

@@ -143,7 +143,7 @@ class Owner:
             frame = self._send(job, max(now, pair.quiet_at))
             wake = pair.quiet_at if pair.job is None else pair.wait_until(self._queue.has(Urgency.STOP))
         self._wake = wake
-        if not (self.gate.connected and self._queue.has(Urgency.STOP)):
+        if self._after_stops and not (self.gate.connected and self._queue.has(Urgency.STOP)):
             self._stops_are_out()
         return frame
 
@@ -272,7 +272,7 @@ class Owner:
             return None, min(wake, self._turnaround_until)
         watch = self.feeding.due(self.now)
         kept = False
-        if watch is None or not self.starts.gives_way(self.now):
+        if self.starts and (watch is None or not self.starts.gives_way(self.now)):
             job, again, kept = self.starts.next(self.now)
             if job is not None:
                 return job, again

@@ -48,6 +48,10 @@ class Starts:
         self._waiting: dict[Burst, dict[int, Job]] = {}
         """The jobs of each burst that were not sent yet, by place."""
 
+    def __bool__(self) -> bool:
+        """Whether any waits."""
+        return bool(self._waiting)
+
     def join(self, job: Job) -> Reason:
         """A job waits for its turn; or the reason why that does not come."""
         assert job.slot is not None

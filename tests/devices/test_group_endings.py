@@ -400,6 +400,16 @@ async def test_a_failure_of_a_group_that_nobody_awaited_is_raised_once_from_the_
 
 
 @on_virtual_clock
+async def test_a_failure_that_was_raised_from_the_move_of_its_axis_is_not_raised_from_the_block_again() -> None:
+    async with plant(MKS, MKS) as p:
+        move = p.group.move_to(a=20, b=20)
+        await asyncio.sleep(1.0)
+        fail(p, "a")
+        with pytest.raises(MotorStalled):
+            await move.moves["a"]
+
+
+@on_virtual_clock
 async def test_a_failure_that_was_seen_lets_all_axes_take_commands_again() -> None:
     async with plant(MKS, MKS) as p:
         move = p.group.move_to(a=20, b=20)

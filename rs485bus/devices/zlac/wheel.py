@@ -32,6 +32,9 @@ P = TypeVar("P")
 class ZlacWheel(HubMotor):
     """One wheel. Made by `Zlac8015d`, as its `left` and its `right`.
 
+    A `move_by` beyond what an absolute target may be (0x3FFFFFFF counts either way) is sent as a distance, which may be
+    0x7FFFFFFF counts long.
+
     What it cannot do alone, because the drive cannot: `enable()`, `disable()` and every stop out of position or torque
     mode concern the other wheel, too; and while the other one keeps a speed or a torque, this one can do only the same.
     The drive does not time a `run`: the end of its duration is told when it has come, so that the wheel goes on turning
@@ -41,8 +44,6 @@ class ZlacWheel(HubMotor):
     # Verbs
 
     def goal_by(self, distance: float) -> Goal:
-        """As for every axis. Beyond what an absolute target may be (0x3FFFFFFF counts either way) it is sent as a
-        distance, which may be 0x7FFFFFFF counts long."""
         if abs(self._to_counts(distance)) > r.MAX_COUNTS:
             raise LimitExceeded(
                 f"{self.name}: a way of {distance:g} is longer than {r.MAX_COUNTS} counts, which is what the drive can "

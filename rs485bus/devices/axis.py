@@ -201,10 +201,6 @@ class Axis(Conduct):
         """Take commands again after a failure that nobody has seen."""
         self._orders.forgive()
 
-    def check_ready(self) -> None:
-        """Raise what keeps the axis from taking another command."""
-        self._check_ready()
-
     def join(self, goal: Goal, who: str, company: Company) -> JointMove:
         """Queue a move that is made together with others, and of which they say how fast it is."""
         move = JointMove(f"{goal.what} of {self.name}", goal.target, self.position, self._cancel_move, who, company)
@@ -324,17 +320,18 @@ class Axis(Conduct):
         return counts
 
     def _new_move(self, what: str, target: float | None) -> Move:
-        self._check_ready()
+        self.check_ready()
         return Move(f"{what} of {self.name}", target, self.position, self._cancel_move, self._unseen)
 
     def _order(self, what: str, carry_out: Callable[[], Awaitable[T]]) -> Handle[T]:
         """Queue a command that is no move."""
-        self._check_ready()
+        self.check_ready()
         handle: Handle[T] = Handle(f"{what} of {self.name}", self._unseen)
         self._orders.add(handle, carry_out)
         return handle
 
-    def _check_ready(self) -> None:
+    def check_ready(self) -> None:
+        """Raise what keeps the axis from taking another command."""
         self.check_open()
         if not self.bus.connected:
             raise NotSent(

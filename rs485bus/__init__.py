@@ -8,15 +8,18 @@ from rs485bus.devices.mks import MksServo
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.devices.tlr import TlrStepper
 from rs485bus.devices.zlac import DifferentialDrive, Zlac8015d
+from rs485bus.group import AxisGroup, GroupMove
 from rs485bus.wire.registers import Repeat
 from rs485bus.wire.timing import LineSettings
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "AxisGroup",
     "Bus",
     "BusConfig",
     "DifferentialDrive",
+    "GroupMove",
     "LineSettings",
     "MksServo",
     "Move",

@@ -54,9 +54,9 @@ class WatchdogInfeasible(BusError):
     `numbers` holds what was added up, in seconds.
     """
 
-    def __init__(self, message: str, numbers: Mapping[str, float]) -> None:
+    def __init__(self, message: str, numbers: Mapping[str, float] | None = None) -> None:
         super().__init__(message)
-        self.numbers = dict(numbers)
+        self.numbers = dict(numbers or {})
 
 
 class WatchdogInUse(BusError):

@@ -43,6 +43,17 @@ class Profile:
         cruise = max(0.0, self.turns - self._ramp_turns(peak))
         return peak / self.up + peak / self._down + _MINUTE * cruise / peak
 
+    def turns_after(self, seconds: float) -> float:
+        """How far it has come so many seconds after its start."""
+        peak, left = self.peak, self.duration - seconds
+        if seconds <= 0 or left <= 0:
+            return 0.0 if seconds <= 0 else self.turns
+        if seconds * self.up < peak:
+            return self.up * seconds * seconds / (2 * _MINUTE)
+        if left * self._down < peak:
+            return self.turns - self._down * left * left / (2 * _MINUTE)
+        return peak * (seconds - peak / self.up / 2) / _MINUTE
+
     @property
     def _down(self) -> float:
         return self.up if self.down is None else self.down
@@ -67,6 +78,21 @@ def rpm_for(turns: float, seconds: float, up: float, down: float | None = None) 
         return needed / seconds
     root = seconds * seconds - 2 * ramps * needed
     return None if root < 0 else (seconds - math.sqrt(root)) / ramps
+
+
+def ramp_for(turns: float, seconds: float, rpm: float) -> float | None:
+    """The rate, up and down alike, at which a move takes just so long; None if it takes longer even with jumps.
+
+    Args:
+        turns: how far, above 0.
+        seconds: how long, above 0.
+        rpm: its speed, above 0; it may be one that is never reached.
+    """
+    needed = _MINUTE * turns
+    spare = seconds - needed / rpm
+    if spare <= 0:
+        return None
+    return rpm / spare if rpm * seconds <= 2 * needed else 4 * needed / (seconds * seconds)
 
 
 def seconds_to(turns: float, rpm: float, ramp: float, speed: float) -> float:

@@ -14,12 +14,14 @@ from pathlib import Path
 
 from tests.defence import Defence
 from tests.defences_of_drives import DRIVES
+from tests.defences_of_groups import GROUPS
 
 ROOT = Path(__file__).parent.parent
 
 
 DEFENCES = [
     *DRIVES,
+    *GROUPS,
     Defence(
         "a late reply taken for the answer to an equal request",
         "bus/gate.py",
@@ -352,7 +354,7 @@ DEFENCES = [
     ),
     Defence(
         "a drive that restarted and counts from zero",
-        "devices/conduct.py",
+        "devices/travel.py",
         "        elif seen is not None and not self._near(seen.position, look.position):",
         "        elif False:",
         "tests/shell/test_exactly_once.py",

@@ -37,8 +37,8 @@ MKS = [
     ),
     Defence(
         "MKS: a drive that restarted taken for one that arrived at once",
-        "devices/conduct.py",
-        "if look.at - move.started_at < (move.eta - move.started_at) / 2 - _FRESH:",
+        "devices/travel.py",
+        "if look.at - move.started_at < (move.eta - move.started_at) / 2 - FRESH:",
         "if False:",
         _TESTS + "test_moves.py",
     ),

@@ -45,8 +45,8 @@ TLR = [
     Defence(
         "TL-R: a trigger repeated although the first one was taken",
         "devices/tlr/link.py",
-        "        await self._ask(control(self._address, word), repeat=repeat, moves=True)\n",
-        "        await self._ask(control(self._address, word), moves=True)\n",
+        "        await self._ask(control(self._address, word), repeat=repeat, moves=True, slot=slot)\n",
+        "        await self._ask(control(self._address, word), moves=True, slot=slot)\n",
         _TESTS + "test_exactly_once.py",
     ),
     Defence(

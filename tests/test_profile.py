@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rs485bus.profile import Profile, rpm_for, seconds_to
+from rs485bus.profile import Profile, ramp_for, rpm_for, seconds_to
 from rs485bus.sim.motor import Motor
 
 turns = st.floats(0.001, 10_000)
@@ -77,3 +77,27 @@ def test_a_turning_shaft_takes_as_long_to_another_target_as_the_profile_says(
     motor.run(speed, math.inf, now=0.0)
     motor.go_to(motor.position(1.0) + way, rpm, ramp, now=1.0)
     assert motor.arrives_at - 1 == pytest.approx(seconds_to(way, rpm, ramp, speed), rel=1e-6, abs=1e-6)
+
+
+@given(turns, rpms, ramps, st.floats(0, 1))
+def test_on_its_way_a_move_is_where_the_simulated_shaft_is(way: float, rpm: float, ramp: float, part: float) -> None:
+    motor, profile = Motor(), Profile(way, rpm, ramp)
+    motor.go_to(way, rpm, ramp, now=10.0)
+    seconds = part * profile.duration
+    assert profile.turns_after(seconds) == pytest.approx(motor.position(10 + seconds), rel=1e-6, abs=1e-6)
+    assert profile.turns_after(-1.0) == 0
+    assert profile.turns_after(profile.duration + 1) == way
+
+
+@given(turns, rpms, ramps)
+def test_the_ramp_for_a_duration_is_found_again(way: float, rpm: float, ramp: float) -> None:
+    duration = Profile(way, rpm, ramp).duration
+    found = ramp_for(way, duration, rpm)
+    if found is not None:
+        assert Profile(way, rpm, found).duration == pytest.approx(duration, rel=1e-4)
+    else:
+        assert duration == pytest.approx(Profile(way, rpm).duration)
+
+
+def test_a_duration_that_a_speed_cannot_keep_is_none() -> None:
+    assert ramp_for(100, 0.5, 100) is None

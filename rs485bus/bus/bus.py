@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
 from rs485bus.bus.attached import Attached, Member
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
 from rs485bus.bus.guarding import EmergencyReport, emergency_stop, shut_down
@@ -29,6 +30,9 @@ T = TypeVar("T")
 
 _log = logging.getLogger("rs485bus")
 
+_STOPS_TAKE = 0.5
+"""Seconds for which it is waited until stops are on the wire. A device may be left alone for a while."""
+
 
 class Bus:
     """One RS-485 pair. Made by `open_bus`.
@@ -44,6 +48,7 @@ class Bus:
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
         self._owner.feeding.on_escape = warn_of
+        self._owner.starts.poke = self._pump
         self._alarm = transport.alarm(self._wake)
         self._pumping = False
         self._again = False
@@ -227,8 +232,12 @@ class Bus:
         moves: bool = False,
         motion: Motion | None = None,
         reply_timeout: float | None = None,
+        slot: Slot | None = None,
     ) -> bytes:
-        """Send a request; return the frame that answers it. Raises as described at `Unit`."""
+        """Send a request; return the frame that answers it. Raises as described at `Unit`.
+
+        One with a `slot` goes out with others, as one, and as what starts a group.
+        """
         attached = self._owner.stations[request.address].attached
         if motion is None and moves:
             motion = None if attached is None else attached.motion
@@ -240,6 +249,7 @@ class Bus:
             moves=moves,
             motion=motion,
             reply_timeout=reply_timeout,
+            slot=slot,
             expires_at=None if timeout is None else self._loop.time() + timeout,
             on_end=lambda _: settle(ended, None),
         )
@@ -274,6 +284,27 @@ class Bus:
         self._owner.now = self._loop.time()
         halt = self._owner.halt(self._owner.stations[attached.address], motion, emergency=emergency, frames=frames)
         halt.listen(told)
+        self._pump()
+
+    def heard_after(self, requests: Sequence[Request]) -> list[float]:
+        """When each of some frames that go out as one will have been understood, in seconds from the first one's
+        begin."""
+        return self._owner.starts.heard_after(requests, self.flight)
+
+    def after_stops(self, callback: Callable[[], None]) -> None:
+        """Call back as soon as all stops that wait are on the wire; before long, too, where they cannot go out."""
+        called: list[None] = []
+
+        def once() -> None:
+            if not called:
+                called.append(None)
+                callback()
+
+        if self._owner.gate.closed:
+            callback()
+            return
+        self._owner.after_stops(once)
+        self._loop.call_later(_STOPS_TAKE, once)
         self._pump()
 
     def spawn(self, coroutine: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:

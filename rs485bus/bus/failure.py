@@ -39,6 +39,12 @@ _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
         "afterwards. Leave the watchdog block first",
     ),
     Reason.TOO_LONG: (NotSent, "it would take the pair for so long that an armed watchdog could trip"),
+    Reason.BURST_TOO_LONG: (
+        NotSent,
+        "the frames that start this group would take the pair for so long that an armed watchdog could trip. Put fewer "
+        "axes of one pair into a group, or use longer watchdogs or a faster line",
+    ),
+    Reason.BROKEN_OFF: (NotSent, "what was to start with it did not"),
     Reason.UNPLUGGED: (NotSent, "the port is gone. Plug it in again; the bus reopens it by itself"),
     Reason.QUEUE_FULL: (QueueFull, "too many requests wait already. Ask for less at once"),
     Reason.CLOSED: (BusClosed, "the bus is closed"),

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from rs485bus.bus.attached import Attached, Watchdog
+from rs485bus.bus.burst import takes
 from rs485bus.bus.feeding import Watch, admit
 from rs485bus.bus.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.owner import Owner
@@ -21,8 +22,6 @@ from rs485bus.wire.timing import LineSettings
 
 _RETRIES = 3
 """How often setting a watchdog is repeated: one that stays on though it should be off trips in the next program."""
-_USUAL_TURNAROUND = 0.005
-"""Seconds that a device usually takes to answer; what it may take is its reply timeout."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,5 +298,5 @@ def _broadcast_stops(owner: Owner, stations: list[Station]) -> list[Request]:
 
 def _watch(line: LineSettings, device: Attached, timeout: float, now: float) -> Watch:
     feed = device.reads()[0]
-    cost = line.budget(len(feed.adu), _USUAL_TURNAROUND, feed.length) + 2 * line.t35
+    cost = takes(line, 2 * line.t35, feed)
     return Watch(device.address, timeout, cost, heard_at=now, armed_at=now)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.motion import Motion
 from rs485bus.wire.frames import BROADCAST, Request
 from rs485bus.wire.registers import Repeat
@@ -15,13 +16,15 @@ class Urgency(enum.IntEnum):
 
     STOP = 0
     """Stops. They wait for nothing but the end of a frame."""
-    FEED = 1
+    START = 1
+    """The frames that start a group, which go out as one. `AxisGroup` makes these."""
+    FEED = 2
     """What keeps a watchdog fed."""
-    CONFIRM = 2
+    CONFIRM = 3
     """The reads that confirm a stop. The bus makes these itself."""
-    COMMAND = 3
+    COMMAND = 4
     """What somebody asked for and waits for."""
-    POLL = 4
+    POLL = 5
     """What is asked again and again."""
 
 
@@ -55,6 +58,10 @@ class Reason(enum.Enum):
     """Its device would be away for a while, and a watchdog is armed."""
     TOO_LONG = enum.auto()
     """It would take the wire for too long while a watchdog is armed."""
+    BURST_TOO_LONG = enum.auto()
+    """The frames that it goes out with would."""
+    BROKEN_OFF = enum.auto()
+    """It was to go out with others, and one of those was not sent or was refused."""
     OFFLINE = enum.auto()
     UNPLUGGED = enum.auto()
     QUEUE_FULL = enum.auto()
@@ -75,6 +82,7 @@ class Job:
         tolerant: its reply is no evidence of anything, so that it need not wait for late replies.
         internal: the bus' own; neither flushed nor refused because of the state of the device or the bus.
         retries: how often it may be repeated; None for what the bus is set to.
+        slot: its place among frames that go out as one, whatever its urgency; None for a frame of its own.
         on_end: called once with the job when it has ended.
     """
 
@@ -102,6 +110,7 @@ class Job:
         "request",
         "retries",
         "sent_at",
+        "slot",
         "tolerant",
         "unanswered",
         "urgency",
@@ -120,12 +129,13 @@ class Job:
         tolerant: bool = False,
         internal: bool = False,
         retries: int | None = None,
+        slot: Slot | None = None,
         on_end: Callable[[Job], None] | None = None,
     ) -> None:
         self.request = request
         self.address = request.address
         self.is_broadcast = request.address == BROADCAST
-        self.urgency = urgency
+        self.urgency = urgency if slot is None else Urgency.START
         self.repeat = repeat
         self.moves = moves
         self.motion = motion
@@ -135,6 +145,7 @@ class Job:
         self.tolerant = tolerant
         self.internal = internal
         self.retries = retries
+        self.slot = slot
         self.on_end = on_end
         self.queued_at = 0.0
         self.sent_at = 0.0

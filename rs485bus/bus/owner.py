@@ -20,6 +20,7 @@ from rs485bus.bus.motion import NEVER, Motion
 from rs485bus.bus.pair import Pair
 from rs485bus.bus.queue import GONE, Queue
 from rs485bus.bus.record import Journal
+from rs485bus.bus.starts import Starts
 from rs485bus.bus.station import Station, Stations
 from rs485bus.bus.stopping import Halt, Procedure
 from rs485bus.wire.frames import Request
@@ -55,9 +56,11 @@ class Owner:
         silence = config.tcp_gap if gateway else line.t35
         self.pair = Pair(line, silence, None if config.echo == "auto" else config.echo, now)
         self._queue = Queue()
+        self.starts = Starts(self.pair, self._queue, self.gate, self._slack, self._free_at, self._drop)
         self._turnaround_until = NEVER
         self._wake = FOREVER
         self._lead = 0.0
+        self._after_stops: list[Callable[[], None]] = []
         self._clockwork = Clockwork(lambda job: self.submit(job, self.now), now)
 
     @property
@@ -74,6 +77,8 @@ class Owner:
         reason = self.gate.refusal(job)
         if self._queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
             reason = Reason.QUEUE_FULL
+        if reason is Reason.NONE and job.slot is not None:
+            reason = self.starts.join(job)
         if reason is not Reason.NONE:
             self._end(job, Outcome.NOT_SENT, reason)
             return
@@ -94,6 +99,10 @@ class Owner:
     def at(self, when: float, callback: Callable[[], None]) -> None:
         """Call back when the time has come."""
         self._clockwork.at(when, callback)
+
+    def after_stops(self, callback: Callable[[], None]) -> None:
+        """Call back, in a `tick`, as soon as all stops that wait are on the wire, or the port is lost."""
+        self._after_stops.append(callback)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Drive a procedure to its end, whatever becomes of who started it."""
@@ -134,6 +143,8 @@ class Owner:
             frame = self._send(job, max(now, pair.quiet_at))
             wake = pair.quiet_at if pair.job is None else pair.wait_until(self._queue.has(Urgency.STOP))
         self._wake = wake
+        if self._after_stops and not (self.gate.connected and self._queue.has(Urgency.STOP)):
+            self._stops_are_out()
         return frame
 
     def unplugged(self, now: float) -> None:
@@ -169,6 +180,7 @@ class Owner:
             self._unanswered("lost")
         self._flush(self._queue, lambda _: True, Reason.CLOSED)
         self._clockwork.clear()
+        self._stops_are_out()
 
     # Stopping
 
@@ -212,6 +224,11 @@ class Owner:
         """End every job that waits but the bus' own and stops."""
         self._flush(self._queue, lambda job: not job.internal and job.urgency is not Urgency.STOP, reason)
 
+    def _stops_are_out(self) -> None:
+        callbacks, self._after_stops = self._after_stops, []
+        for callback in callbacks:
+            callback()
+
     def _stands(self, station: Station) -> None:
         assert station.halt is not None
         station.halt.motion.stands(self.now)
@@ -230,6 +247,14 @@ class Owner:
 
     # What goes next
 
+    def _free_at(self) -> float:
+        """From when on the next frame may be handed out, if nothing is out."""
+        return max(self.pair.quiet_at - self._lead, self._turnaround_until)
+
+    def _slack(self) -> float:
+        """How long the wire may be taken at once, lest a device trips."""
+        return self.feeding.slack
+
     def _look_at(self) -> float:
         """When something may go, if nothing is out. What somebody waits for is made ready while the line is quiet."""
         if self._queue.size:
@@ -245,12 +270,18 @@ class Owner:
         if self.now < self._turnaround_until:
             return None, min(wake, self._turnaround_until)
         watch = self.feeding.due(self.now)
+        kept = False
+        if self.starts and (watch is None or not self.starts.gives_way(self.now)):
+            job, again, kept = self.starts.next(self.now)
+            if job is not None:
+                return job, again
+            wake = min(wake, again)
         if watch is not None:
             return next_feed(watch, self._queue, self.stations, self._admit, self.now), wake
         wake = min(wake, self.feeding.look_at)
         job, again = self._queue.take(self._admit, _SOON)
-        if job is not None:
-            return job, again
+        if job is not None or kept:
+            return job, min(wake, again)
         # Looking for lost units is rationed; what is due of it is not put off by traffic.
         lost = self.stations.to_probe(self.now)
         if lost is not None:
@@ -403,6 +434,8 @@ class Owner:
         job.ended_at = self.now
         if job.on_end is not None:
             job.on_end(job)
+        if job.slot is not None:
+            self.starts.ended(job)
 
     def _note(self, job: Job, reply: bytes, outcome: str, now: float) -> None:
         record, crc_errors = self.pair.record(job, reply, outcome, now)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rs485bus.bus.job import Urgency
+from rs485bus.wire.timing import LineSettings
 
 _log = logging.getLogger("rs485bus")
 
@@ -40,6 +41,10 @@ class Record(NamedTuple):
     def latency(self) -> float:
         """Seconds from the start of sending to the end."""
         return self.ended_at - self.sent_at
+
+    def turnaround(self, line: LineSettings) -> float:
+        """Seconds that the device took before it began to answer."""
+        return max(0.0, self.latency - line.airtime(len(self.request) + len(self.reply)))
 
     def __str__(self) -> str:
         took = 1000 * self.latency

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rs485bus.arguments import flag, pair, positive, real, whole
@@ -17,11 +18,30 @@ from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.watch import Watchdog
-from rs485bus.devices.conduct import Conduct, Look, Pace
+from rs485bus.devices.conduct import Conduct
+from rs485bus.devices.joint import Company, JointMove
 from rs485bus.devices.move import Move
+from rs485bus.devices.pace import Pace, quickest
+from rs485bus.devices.travel import Look
 from rs485bus.errors import EmergencyStopped, LimitExceeded, MoveCancelled, NotSent
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where a move is to go, in units."""
+
+    what: str
+    """Names the move in messages."""
+    target: float | None
+    """Where that is, if it is said as a position."""
+    planned: float | None
+    """Where that is, as far as is known before those that are queued before it."""
+    position: Callable[[Look], float]
+    """Where that is, from where the move starts."""
+    reach: tuple[int, int]
+    """Between which targets it may lie, in counts."""
 
 
 class Axis(Conduct):
@@ -80,12 +100,14 @@ class Axis(Conduct):
 
         After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
         """
-        self._orders.forgive()
+        self.forgive()
         return self._order("enable", self._carry_out_enable)
 
     def disable(self) -> Handle[None]:
         """Let go of the shaft, once what is queued before it is done and the motor stands. It can then be turned."""
-        return self._order("disable", self._carry_out_disable)
+        handle = self._order("disable", self._carry_out_disable)
+        self._planned = None
+        return handle
 
     def move_to(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go to a position.
@@ -99,13 +121,7 @@ class Axis(Conduct):
             LimitExceeded: one of them is out of its range; nothing is queued.
             TypeError: one of them is no number; nothing is queued.
         """
-        pace = self._pace(rpm, acceleration)
-        position = self._number("position", position)
-        self._target(position)
-        move = self._new_move(f"move to {position:g}", position)
-        self._planned = position
-        self._orders.add(move, lambda: self._move(move, lambda _: position, pace))
-        return move
+        return self._go(self._pace(rpm, acceleration), self.goal_to(position))
 
     def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go a distance: from the target of the last move if that was reached, else from where the axis stands.
@@ -113,19 +129,7 @@ class Axis(Conduct):
         It is sent as an absolute target, so that it happens once, however often it must be said. Arguments and errors
         as for `move_to`.
         """
-        pace = self._pace(rpm, acceleration)
-        distance = self._number("distance", distance)
-        self._to_counts(distance)
-        if self._planned is not None:
-            self._target(self._planned + distance, self._reach)
-        move = self._new_move(f"move by {distance:g}", None)
-        self._planned = None if self._planned is None else self._planned + distance
-
-        def target(look: Look) -> float:
-            return self._starts_from(look) + distance
-
-        self._orders.add(move, lambda: self._move(move, target, pace, self._reach))
-        return move
+        return self._go(self._pace(rpm, acceleration), self.goal_by(distance))
 
     def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
         """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
@@ -171,6 +175,54 @@ class Axis(Conduct):
         """Guard the axis by its drive's own watchdog while a block runs. As `Bus.watchdog`."""
         return self.bus.watchdog(self, timeout=timeout, lease=lease)
 
+    # For groups
+
+    def goal_to(self, position: float) -> Goal:
+        """A position, in units, as somewhere to go. Raises `LimitExceeded`."""
+        position = self._number("position", position)
+        self._target(position)
+        return Goal(f"move to {position:g}", position, position, lambda _: position, self.target_range)
+
+    def goal_by(self, distance: float) -> Goal:
+        """A distance, in units, as somewhere to go. Raises `LimitExceeded`."""
+        distance = self._number("distance", distance)
+        self._to_counts(distance)
+        planned = None if self._planned is None else self._planned + distance
+        if planned is not None:
+            self._target(planned, self._reach)
+        return Goal(
+            f"move by {distance:g}", None, planned, lambda look: self._starts_from(look) + distance, self._reach
+        )
+
+    @property
+    def planned(self) -> float | None:
+        """Where the queue will have taken it, in units, if that is known."""
+        return self._planned
+
+    def way(self, start: float, end: float) -> float:
+        """How many turns it is from one position, in units, to another; 0 where these are the same to the drive."""
+        counts = abs(self._to_counts(end) - self._to_counts(start))
+        return counts / self.counts_per_turn if counts > self.tolerance else 0.0
+
+    def forgive(self) -> None:
+        """Take commands again after a failure that nobody has seen."""
+        self._orders.forgive()
+
+    def join(self, goal: Goal, who: str, company: Company) -> JointMove:
+        """Queue a move that is made together with others, and of which they say how fast it is."""
+        move = JointMove(f"{goal.what} of {self.name}", goal.target, self.position, self._cancel_move, who, company)
+        self._planned = goal.planned
+
+        async def carry_out() -> float:
+            await move.gathered()
+            return await self._move(move, goal, quickest(self, min(self.rpm, self.highest_rpm)))
+
+        self._orders.add(move, carry_out)
+        return move
+
+    def accompany(self, moves: Mapping[Axis, JointMove]) -> None:
+        """Know who starts with it, before it does."""
+
     # Questions
 
     async def position(self) -> float:
@@ -213,6 +265,24 @@ class Axis(Conduct):
         Raises:
             LimitExceeded: it cannot accelerate like that.
         """
+
+    @property
+    def highest_rpm(self) -> float:
+        """The highest speed of moves to a position."""
+        return self._fastest[0]
+
+    @property
+    def rpm_step(self) -> float:
+        """The step in which speeds of moves to a position can be told, in rpm."""
+        return 1.0
+
+    @abstractmethod
+    def lowest_acceleration(self, rpm: float) -> float:
+        """The slowest ramp to a speed, in rpm/s: the same for all speeds, or in proportion to them."""
+
+    def position_pace(self, rpm: float, acceleration: float) -> Pace:
+        """What the drive makes of a speed and an acceleration on its way to a position. Raises `LimitExceeded`."""
+        return self._pace(rpm, acceleration)
 
     @abstractmethod
     def _ticks(self, duration: float) -> int:
@@ -280,17 +350,18 @@ class Axis(Conduct):
         return counts
 
     def _new_move(self, what: str, target: float | None) -> Move:
-        self._check_ready()
+        self.check_ready()
         return Move(f"{what} of {self.name}", target, self.position, self._cancel_move, self._unseen)
 
     def _order(self, what: str, carry_out: Callable[[], Awaitable[T]]) -> Handle[T]:
         """Queue a command that is no move."""
-        self._check_ready()
+        self.check_ready()
         handle: Handle[T] = Handle(f"{what} of {self.name}", self._unseen)
         self._orders.add(handle, carry_out)
         return handle
 
-    def _check_ready(self) -> None:
+    def check_ready(self) -> None:
+        """Raise what keeps the axis from taking another command."""
         self.check_open()
         if not self.bus.connected:
             raise NotSent(
@@ -314,15 +385,21 @@ class Axis(Conduct):
             else self._to_units(self._commanded)
         )
 
-    async def _move(
-        self, move: Move, position: Callable[[Look], float], pace: Pace, reach: tuple[int, int] | None = None
-    ) -> float:
+    def _go(self, pace: Pace, goal: Goal) -> Move:
+        move = self._new_move(goal.what, goal.target)
+        self._planned = goal.planned
+        self._orders.add(move, lambda: self._move(move, goal, pace))
+        return move
+
+    async def _move(self, move: Move, goal: Goal, pace: Pace) -> float:
         def target(look: Look) -> int:
-            move.target = position(look)
-            return self._target(move.target, reach)
+            move.target = goal.position(look)
+            return self._target(move.target, goal.reach)
 
         look = await self._carry_out(move, target, pace)
         self._exact = move.target
+        if isinstance(move, JointMove):
+            await self._stay(move, look)
         return self._to_units(look.position)
 
     async def _run(self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None) -> float:

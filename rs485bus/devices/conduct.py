@@ -6,24 +6,21 @@ a jump that cannot be explained (a drive that restarted counts from zero) ends t
 
 from __future__ import annotations
 
-import asyncio
 from abc import abstractmethod
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 
 import anyio
 
-from rs485bus.bus.attached import Attached
-from rs485bus.bus.bus import Bus
-from rs485bus.bus.motion import Motion
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.watch import admit_and_arm
-from rs485bus.devices.halting import Halting
+from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move, MoveState
+from rs485bus.devices.pace import Pace
+from rs485bus.devices.travel import FRESH, Look, Travel
 from rs485bus.errors import (
     DeviceOffline,
     MotionError,
     MoveFailed,
-    MoveTimeout,
     NoReply,
     NotEnabled,
     OutcomeUnknown,
@@ -31,40 +28,16 @@ from rs485bus.errors import (
     ReferenceLost,
     RequestFailed,
 )
-from rs485bus.profile import Profile
+from rs485bus.wire.frames import Request
 
 _ATTEMPTS = 3
-_POLL_SHORTEST, _POLL_LONGEST = 0.01, 0.05
-_FRESH = 0.25
-"""Seconds for which what was seen of a standing axis is taken to hold."""
+_POLL = 0.05
 _PATIENCE = 2.0
 """Seconds in which a drive may answer again that did not say whether it took a move."""
 _SPEED_TOLERANCE = 0.03
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """What a drive said of its axis."""
-
-    at: float
-    """When it was asked, on the event loop's clock."""
-    position: int
-    moving: bool
-    enabled: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """How fast a move goes: what the drive makes of what was asked for, and how that is said to it."""
-
-    rpm: float
-    acceleration: float
-    """rpm/s; infinity for a jump."""
-    speed_code: int
-    ramp_code: int
-
-
-class Conduct(Halting):
+class Conduct(Travel):
     """One axis, as moves are carried out on it.
 
     Args:
@@ -75,35 +48,11 @@ class Conduct(Halting):
         tolerance: counts by which a position may differ from another that is to be the same.
     """
 
-    counts_per_turn: int
-    tells_restarts = False
-    """Whether a restart of the drive is noticed by what it says afterwards, not by its position alone."""
-
-    def __init__(self, bus: Bus, attached: Attached, motion: Motion, name: str, tolerance: int) -> None:
-        super().__init__(bus, attached, motion, name)
-        self.tolerance = tolerance
-        self._commanded: int | None = None
-        """The target of the last move, if it was reached and nothing happened since."""
-        self._seen: Look | None = None
-        """How it was last seen standing, if nothing happened since."""
-        self._enabled: bool | None = None
-        self._lost = ""
-        """Why its positions are not to be trusted."""
-        self._between: tuple[int, int] | None = None
-        """From where to where a move went of which nobody knows what became."""
-        self._way = (0, 0)
-        """From where to where the move under way goes, in counts."""
-        self._stands = asyncio.Event()
-
     # What families do
 
     async def _set_up(self) -> None:
         """Read and write what must be known and right before anything else. Called before each command: be quick
         where it is done already."""
-
-    @abstractmethod
-    async def _look(self, *, quick: bool = False) -> Look:
-        """Ask the drive where the axis is, whether it moves and, unless it is to be `quick`, whether it is enabled."""
 
     async def _turns(self) -> bool:
         """Whether the motor turns, whoever told it to."""
@@ -113,13 +62,21 @@ class Conduct(Halting):
     async def _read_velocity(self) -> float:
         """rpm, in the drive's direction."""
 
+    async def _write_ahead(self, target: int, pace: Pace) -> None:
+        """Tell the drive all of a move that it can be told before it starts. Nothing moves by it."""
+
     @abstractmethod
-    async def _send_move(self, target: int, pace: Pace) -> None:
-        """Start a move to an absolute target. Raises `OutcomeUnknown` if nobody knows whether it started."""
+    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+        """Start the move that was written ahead, by one frame: at once, or when it is its turn. Raises
+        `OutcomeUnknown` if nobody knows whether it started."""
+
+    @abstractmethod
+    def start_frame(self, target: int, pace: Pace) -> Request:
+        """Such a frame."""
 
     @abstractmethod
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
-        """Change to a speed, in the drive's direction, perhaps for a time. Raises as `_send_move`."""
+        """Change to a speed, in the drive's direction, perhaps for a time. Raises as `_send_start`."""
 
     @abstractmethod
     async def _send_enable(self, on: bool) -> None:
@@ -133,8 +90,10 @@ class Conduct(Halting):
     async def _why(self, look: Look, target: int) -> MotionError:
         """Why it stands where it should not, from what the drive reports."""
 
-    async def _meanwhile(self, move: Move) -> None:
-        """Called during a move each time before the axis is looked at."""
+    async def _send_move(self, target: int, pace: Pace, slot: Slot | None = None) -> None:
+        """Start a move to an absolute target. Raises as `_send_start`."""
+        await self._write_ahead(target, pace)
+        await self._send_start(target, pace, slot)
 
     # Moves
 
@@ -151,22 +110,42 @@ class Conduct(Halting):
 
         `send` starts it in another way than `_send_move` does; `once` as for `_begin`.
         """
-        move.rpm, move.acceleration = pace.rpm, pace.acceleration
         before = await self._prepare()
+        slot = None
+        if isinstance(move, JointMove):
+            await move.prepared()
+            if self.bus.now() - before.at > FRESH:  # the others took their time
+                before = await self._prepare()
         target = target_from(before)
         turns = abs(target - before.position) / self.counts_per_turn
-        seconds = Profile(turns, pace.rpm, pace.acceleration).duration
+        if isinstance(move, JointMove):
+            pace, slot = await move.agree(0.0 if self._near(target, before.position) else turns, target)
+            move.profile = pace.profile(turns)
+        move.rpm, move.acceleration = pace.rpm, pace.acceleration
+        seconds = pace.seconds(turns)
         self._forget()
         move.state = MoveState.STARTING
         self._way = (before.position, target)
         move.eta = self.bus.now() + seconds
-        await self._begin(move, before, target, send or (lambda: self._send_move(target, pace)), once=once)
+
+        async def start() -> None:
+            nonlocal slot
+            # Only the first attempt goes out with the others, when it is its turn.
+            place, slot = slot, None
+            try:
+                await self._send_move(target, pace, place)
+            finally:
+                if place is not None and move.started_at is not None:
+                    move.started_at = max(move.started_at, self.motion.commanded_at)
+
+        await self._begin(move, before, target, send or start, once=once)
         move.state = MoveState.MOVING
         assert move.started_at is not None
         move.eta = move.started_at + seconds
         look = await self._arrive(move, lambda look: self._near(look.position, self._way[1]))
         target = self._way[1]
         if not self._near(look.position, target):
+            self._stumble()
             raise await self._why(look, target)
         self._check_arrival(move)
         self._commanded, self._seen = target, look
@@ -195,7 +174,7 @@ class Conduct(Halting):
         while abs(await self._read_velocity() - rpm) > close:
             if self.bus.now() > move.started_at + 2 * ramp + 1:
                 raise self._too_late(move)
-            await anyio.sleep(_POLL_LONGEST)
+            await anyio.sleep(_POLL)
 
     async def _prepare(self, *, standing: bool = True) -> Look:
         """Know where the axis is and that it may be moved."""
@@ -206,7 +185,7 @@ class Conduct(Halting):
         if self._running and standing:
             await self._stand_still()
         seen = self._seen
-        if seen is not None and seen.enabled and self.bus.now() - seen.at < _FRESH:
+        if seen is not None and seen.enabled and self.bus.now() - seen.at < FRESH:
             return seen
         look = await self._look()
         if look.moving and standing:
@@ -217,35 +196,6 @@ class Conduct(Halting):
             raise NotEnabled(f"{self.name} is not enabled: enable() it first.")
         self._enabled = True
         return look
-
-    def _suspect(self, why: str) -> None:
-        """The drive may have restarted unseen: its positions are not to be trusted, unless it would tell."""
-        if not self.tells_restarts:
-            self._lost = why
-
-    def _check_reference(self, look: Look, seen: Look | None) -> None:
-        """Notice what cannot be explained since the axis was last seen standing."""
-        if self._enabled and not look.enabled:
-            self._lost = "its motor is not enabled any more, and nobody disabled it: the drive may have restarted."
-        elif seen is not None and not self._near(seen.position, look.position):
-            self._lost = (
-                f"it stands {look.position - seen.position} counts from where it stood, and nobody moved it: "
-                "the drive may have restarted."
-            )
-        else:
-            return
-        self._enabled = look.enabled
-        self._forget()
-        raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
-
-    def _check_arrival(self, move: Move) -> None:
-        """Notice that it was just seen at its target sooner than it can have gone there."""
-        assert move.started_at is not None
-        assert move.eta is not None
-        # When it was asked tells nothing of how long that took: the answer may have been lost, or waited for the wire.
-        if self.bus.now() - move.started_at < (move.eta - move.started_at) / 2 - _FRESH:
-            self._lost = "it was at its target sooner than it can have gone there: the drive may have restarted."
-            raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
 
     async def _begin(
         self,
@@ -306,39 +256,6 @@ class Conduct(Halting):
     async def _grace(self) -> None:
         """Wait until what was sent last has set the motor in motion, if it does."""
         await anyio.sleep(max(0.0, self.attached.may_start_until(self.motion) - self.bus.now()))
-
-    async def _arrive(self, move: Move, arrived: Callable[[Look], bool]) -> Look:
-        """Wait until the motor stands; look when it should, not all the time."""
-        assert move.started_at is not None
-        assert move.eta is not None
-        pause = min(max((move.eta - move.started_at) / 50, _POLL_SHORTEST), _POLL_LONGEST)
-        self._stands.clear()
-        while True:
-            with anyio.move_on_after(max(0.0, move.eta - self.bus.now())):
-                await self._stands.wait()
-            self._stands.clear()
-            await self._meanwhile(move)
-            asked = self.bus.now()
-            try:
-                look = await self._look(quick=True)
-            except NoReply:
-                look = None
-            except DeviceOffline as error:
-                self._suspect("its drive stopped answering and may have restarted.")
-                await self._block(f"its drive stopped answering during {move.what}")
-                raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
-            grace = self.attached.may_start_until(self.motion)
-            if look is not None and not look.moving and (arrived(look) or look.at > grace):
-                self.motion.stands(look.at)
-                return look
-            # On a full or bad line an answer takes a while, and says nothing of the time in which it was waited for.
-            if asked > 2 * move.eta - move.started_at + 1:
-                raise self._too_late(move)
-            await anyio.sleep(pause)
-
-    def _too_late(self, move: Move) -> MoveTimeout:
-        self._begin_stop(emergency=False)
-        return MoveTimeout(f"{self.name}: {move.what} takes more than twice its time, and a second. It was stopped.")
 
     # Enabling
 
@@ -404,17 +321,3 @@ class Conduct(Halting):
     async def _rearm(self, timeout: float) -> None:
         if not await admit_and_arm(self.bus, self.attached, timeout):
             raise RearmRequired(f"{self.name}: its watchdog could not be armed again.")
-
-    def told_standing(self) -> None:
-        """The drive said, unasked by the axis, that it stands: worth a look."""
-        self._stands.set()
-
-    # State
-
-    def _forget(self) -> None:
-        """Something happens to the axis: what was known of where it stands is over."""
-        self._commanded = None
-        self._seen = None
-
-    def _near(self, a: int, b: int) -> bool:
-        return abs(a - b) <= self.tolerance

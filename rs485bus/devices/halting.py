@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 from abc import ABC, abstractmethod
+from typing import Any
 
 from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle, settle
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.stopping import Halted
+from rs485bus.devices.joint import JointMove
 from rs485bus.devices.orders import Orders
 from rs485bus.errors import BusClosed, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
 
@@ -48,12 +50,18 @@ class Halting(ABC):
 
     def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
         """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
+        self._stumble()
         halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
         self._forget()
         self._running = False
         motion = motion or self.motion
         self.bus.halt(self.attached, motion, emergency=emergency, told=lambda ended: settle(halted, ended))
         return halted
+
+    def _stumble(self) -> None:
+        """What it carries out is about to fail. Others that depend on that are stopped, while it finds out why."""
+        if isinstance(self._orders.current, JointMove):
+            self._orders.current.stumble()
 
     async def _halted(self, halted: asyncio.Future[Halted]) -> Halted:
         return await asyncio.shield(halted)
@@ -95,6 +103,22 @@ class Halting(ABC):
             f"{self.name} was told to stop and could not be seen standing. Look at the machine; use the hard-wired "
             "emergency stop. It moves only after enable()."
         )
+
+    def give_up(self, handle: Handle[Any], error: Exception) -> None:
+        """End a command, and what is queued behind it, because what it is a part of has ended. Nothing of it that is
+        on its way to the drive is sent any more; `stop_if_moving` stops what was."""
+        if self._orders.current is handle:
+            self._orders.interrupt(error)
+            self.motion.stop()
+        else:
+            self._orders.cut(handle, error)
+
+    def stop_if_moving(self) -> None:
+        """Stop it, where it may move and is not being stopped already."""
+        halt = self.bus.owner.stations[self.attached.address].halt
+        stopping = halt is not None and halt.motion in (self.motion, self.attached.motion)
+        if self.motion.may_move and self.bus.connected and not stopping:
+            self._begin_stop(emergency=False)
 
     async def _block(self, why: str) -> None:
         """It is not known what the axis does: stop it, and let it move only after `enable()`."""

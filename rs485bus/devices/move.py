@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import enum
+from abc import abstractmethod
 from collections.abc import AsyncIterator, Awaitable, Callable
 from types import TracebackType
-from typing import Any, Literal
+from typing import Any, Literal, Self, TypeVar
 
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
+
+T = TypeVar("T")
 
 
 class MoveState(enum.Enum):
@@ -23,7 +26,36 @@ class MoveState(enum.Enum):
     CANCELLED = "cancelled"
 
 
-class Move(Handle[float]):
+class Cancellable(Handle[T]):
+    """A command that can be ended.
+
+    `async with` waits for it at the end of the block, and ends it if the block is left by an exception.
+    """
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """End it."""
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        if error is None:
+            try:
+                await self.wait()
+            except asyncio.CancelledError:
+                self.cancel()
+                self.seen = True
+                raise
+        else:
+            self.cancel()
+            self.seen = True
+        return False
+
+
+class Move(Cancellable[float]):
     """A move that was asked for. Awaiting it gives the position reached, in the axis' units.
 
     `async with move:` waits for it at the end of the block, and stops the axis if the block is left by an exception.
@@ -89,21 +121,3 @@ class Move(Handle[float]):
                 else:
                     ended.cancel()
         yield await self.wait()
-
-    async def __aenter__(self) -> Move:
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> Literal[False]:
-        if error is None:
-            try:
-                await self.wait()
-            except asyncio.CancelledError:
-                self.cancel()
-                self.seen = True
-                raise
-        else:
-            self.cancel()
-            self.seen = True
-        return False

@@ -86,6 +86,16 @@ class Orders:
                 return True
         return False
 
+    def cut(self, handle: Handle[Any], error: Exception) -> None:
+        """End a command that waits, if it does, and those behind it."""
+        waiting = [entry[0] for entry in self._waiting]
+        if handle in waiting:
+            kept = waiting.index(handle)
+            ended = [self._waiting.pop() for _ in waiting[kept:]][::-1]
+            self._upset()
+            for other, _ in ended:
+                other.fail(error if other is handle else MoveCancelled(f"Cancelled: {error}"))
+
     def interrupt(self, error: Exception, waiting: Exception | None = None) -> None:
         """End everything: the command under way, and those that wait, perhaps with an error of their own."""
         worker, self._worker = self._worker, None

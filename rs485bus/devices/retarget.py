@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from rs485bus.bus.handle import Handle
-from rs485bus.devices.axis import Axis
-from rs485bus.devices.conduct import Look, Pace
+from rs485bus.devices.axis import Axis, Goal
+from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move, MoveState
+from rs485bus.devices.pace import Pace
 from rs485bus.errors import MotionError, MoveCancelled, OutcomeUnknown, RequestFailed
 from rs485bus.profile import seconds_to
 
@@ -58,12 +58,10 @@ class Retargeting(Axis):
         self._stands.set()
         return handle
 
-    async def _move(
-        self, move: Move, position: Callable[[Look], float], pace: Pace, reach: tuple[int, int] | None = None
-    ) -> float:
+    async def _move(self, move: Move, goal: Goal, pace: Pace) -> float:
         self._live = move
         try:
-            return await super()._move(move, position, pace, reach)
+            return await super()._move(move, goal, pace)
         finally:
             self._live = None
             self._drop_change(f"{self.name}: its move ended before the target was changed.")
@@ -109,6 +107,8 @@ class Retargeting(Axis):
                     raise
                 # One that has moved all the time has not restarted, and an absolute target may be said twice.
         self._way = (self._way[0], change.target)
+        if isinstance(move, JointMove):
+            move.profile = None
         move.target, move.rpm, move.acceleration = change.position, pace.rpm, pace.acceleration
         turns = (change.target - look.position) / self.counts_per_turn
         move.eta = sent_at + seconds_to(turns, pace.rpm, pace.acceleration, speed)

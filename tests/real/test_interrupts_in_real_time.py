@@ -13,7 +13,7 @@ pytestmark = posix
 
 SCRIPT = """
 import asyncio, sys
-from rs485bus import MksServo, open_bus
+from rs485bus import AxisGroup, MksServo, open_bus
 
 async def main():
     async with open_bus(sys.argv[1], baudrate=115200) as bus:
@@ -21,22 +21,36 @@ async def main():
         async with bus.watchdog(*axes, timeout=1.0):
             for axis in axes:
                 axis.enable()
-            await asyncio.gather(*(axis.run(600) for axis in axes))
-            print("turning", flush=True)
-            await axes[0].move_to(1000.0)
+            await turn(*axes)
 
 asyncio.run(main())
+"""
+ALONE = """
+async def turn(x, y):
+    await asyncio.gather(x.run(600), y.run(600))
+    print("turning", flush=True)
+    await x.move_to(1000.0)
+"""
+GROUP = """
+async def turn(x, y):
+    move = AxisGroup(x=x, y=y).move_to(x=1000.0, y=1000.0)
+    while move.skew is None:
+        await asyncio.sleep(0.01)
+    await asyncio.sleep(0.1)
+    print("turning", flush=True)
+    await move
 """
 
 
 @pytest.mark.parametrize("presses", [1, 2, 10])
-def test_ctrl_c_stops_every_axis_and_turns_the_watchdogs_off(presses: int) -> None:
+@pytest.mark.parametrize("turn", [ALONE, GROUP], ids=["alone", "group"])
+def test_ctrl_c_stops_every_axis_and_turns_the_watchdogs_off(presses: int, turn: str) -> None:
     async def main() -> None:
         sims = [SimMks(1), SimMks(2)]
         line = VirtualLine(*sims, baudrate=115200)
         loop = asyncio.get_running_loop()
         async with await line.serve_pty() as port:
-            async with running(sys.executable, "-c", SCRIPT, port.path, ready="turning") as process:
+            async with running(sys.executable, "-c", turn + SCRIPT, port.path, ready="turning") as process:
                 assert any(sim.moving(loop.time()) for sim in sims)
                 for _ in range(presses):
                     process.send_signal(signal.SIGINT)
@@ -56,7 +70,7 @@ def test_a_process_that_is_killed_leaves_the_drives_to_their_watchdogs() -> None
         line = VirtualLine(*sims, baudrate=115200)
         loop = asyncio.get_running_loop()
         async with await line.serve_pty() as port:
-            async with running(sys.executable, "-c", SCRIPT, port.path, ready="turning") as process:
+            async with running(sys.executable, "-c", ALONE + SCRIPT, port.path, ready="turning") as process:
                 process.kill()
                 await process.wait()
             await asyncio.sleep(1.2)

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 import anyio
 
 from rs485bus.arguments import choice
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.job import Urgency
 from rs485bus.devices.axis import Axis
-from rs485bus.devices.conduct import Look, Pace
 from rs485bus.devices.mks import alarms
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.alarms import hints
@@ -21,6 +21,8 @@ from rs485bus.devices.mks.attached import FAMILY, MksAttached
 from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.devices.mks.values import Homed, Model, MotionDirection, Status, WorkMode
 from rs485bus.devices.move import Move
+from rs485bus.devices.pace import Pace
+from rs485bus.devices.travel import Look
 from rs485bus.errors import (
     DeviceRefused,
     LimitExceeded,
@@ -47,6 +49,8 @@ _SLOWEST_SETTING = 2.5
 """Seconds that 0x9A may take to answer; 5.6 logs 1.6."""
 _NO_SPEED_FOR = 0.01
 _SAME = 2
+_SHOWN_RPM = 2.0
+"""From here on a speed is not reported as 0."""
 _SAME_RPM, _SAME_SPEED = 2.0, 0.03
 """By how much a speed may differ from one that is to be the same: in rpm, or as a part of it."""
 
@@ -79,6 +83,7 @@ class MksDrive(Axis):
         self.positive = choice("positive", positive, MotionDirection)
         self._drive = MksAttached(self.address, self._heard, self._was_interrupted)
         self._stuck: Look | None = None
+        self._asks_speed = False
         self._homed: tuple[Homed, Homed] | None = None
         """The homing status with which its zero was found, if it was."""
         self._told_rpm: float | None = None
@@ -134,6 +139,13 @@ class MksDrive(Axis):
             return True
         self._stuck = Look(at, position, moving=True, enabled=True)
         return False
+
+    async def _seems_to_move(self, rpm: float) -> bool:
+        # One read, of status and speed in turns: one that pushes against a stop reports full speed, and none.
+        self._asks_speed = not self._asks_speed and rpm >= _SHOWN_RPM
+        if self._asks_speed:
+            return await self._read(r.SPEED, Urgency.POLL) != 0
+        return await self._read(r.STATUS, Urgency.POLL) is not Status.STOPPED
 
     async def _read_position(self) -> int:
         return await self._read(r.POSITION, Urgency.POLL)
@@ -260,13 +272,18 @@ class MksDrive(Axis):
             await self._has_forgotten_zero(self._seen)
 
     async def _send(self, block: Block, *values: Any) -> None:
-        await self.bus.ask(
-            write_block(self.address, block, *values), repeat=block.repeat, moves=True, motion=self.motion
-        )
+        await self._ask_to_move(write_block(self.address, block, *values), block)
 
-    async def _send_move(self, target: int, pace: Pace) -> None:
+    async def _ask_to_move(self, request: Request, block: Block, slot: Slot | None = None) -> None:
+        await self.bus.ask(request, repeat=block.repeat, moves=True, motion=self.motion, slot=slot)
+
+    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+        # One frame says it all.
         self._plan_stop(r.MOVE_TO_COUNTS, (pace.ramp_code, 0, 0), pace)
-        await self._send(r.MOVE_TO_COUNTS, pace.ramp_code, self._speed_code(pace), target)
+        await self._ask_to_move(self.start_frame(target, pace), r.MOVE_TO_COUNTS, slot)
+
+    def start_frame(self, target: int, pace: Pace) -> Request:
+        return write_block(self.address, r.MOVE_TO_COUNTS, pace.ramp_code, self._speed_code(pace), target)
 
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
         self._told_rpm = rpm if ticks is None else None
@@ -304,6 +321,13 @@ class MksDrive(Axis):
         return Pace(speed / factor, real, speed, ramp)
 
     @property
+    def rpm_step(self) -> float:
+        return 1 / self._speed_factor
+
+    def lowest_acceleration(self, rpm: float) -> float:
+        return _RAMP_UNIT / 255
+
+    @property
     def _speed_factor(self) -> float:
         """What a speed value is of an rpm: it turns the shaft at value * 16 / microsteps where not calibrated (7.1)."""
         return 1.0 if self.microsteps in _CALIBRATED else self.microsteps / 16
@@ -326,7 +350,7 @@ class MksDrive(Axis):
         """The code that comes nearest to an acceleration, and what it makes (7.1)."""
         if acceleration == math.inf:
             return 0, math.inf
-        lowest = _RAMP_UNIT / 255
+        lowest = self.lowest_acceleration(1)
         if not lowest - 0.5 <= acceleration <= _RAMP_UNIT:
             raise LimitExceeded(
                 f"{self.name}: acceleration {acceleration:g} rpm/s is outside {lowest:.1f}..{_RAMP_UNIT:g} rpm/s; "

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-from rs485bus.devices.conduct import Look, Pace
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.values import MotionDirection
 from rs485bus.devices.move import Move
+from rs485bus.devices.pace import Pace
 from rs485bus.devices.retarget import Retargeting
+from rs485bus.devices.travel import Look
 from rs485bus.errors import LimitExceeded
 from rs485bus.wire.registers import Field
 

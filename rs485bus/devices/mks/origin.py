@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import anyio
 
-from rs485bus.devices.conduct import Look
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import write
 from rs485bus.devices.mks.homing import Homing, SingleTurnHoming, homing_frames
 from rs485bus.devices.mks.values import GoHome, Homed
 from rs485bus.devices.move import Move, MoveState
+from rs485bus.devices.travel import Look
 from rs485bus.errors import DeviceOffline, HomingFailed, NoReply, NotEnabled, OutcomeUnknown, RequestFailed
 from rs485bus.wire.frames import Request
 

@@ -176,8 +176,8 @@ class MksService(MksSetup):
 
     # Inside
 
-    def _check_ready(self) -> None:
-        super()._check_ready()
+    def check_ready(self) -> None:
+        super().check_ready()
         if self._silent:
             raise MotionError(f"{self.name} was silenced and answers nothing: wake() it first.")
 

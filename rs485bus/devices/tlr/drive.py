@@ -6,13 +6,16 @@ import math
 
 import anyio
 
-from rs485bus.devices.conduct import Look, Pace
+from rs485bus.bus.burst import Slot
 from rs485bus.devices.move import Move
+from rs485bus.devices.pace import Pace
 from rs485bus.devices.tlr import registers as r
-from rs485bus.devices.tlr.frames import words
+from rs485bus.devices.tlr.frames import control, words
 from rs485bus.devices.tlr.knowledge import TlrKnowledge
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord
+from rs485bus.devices.travel import Look
 from rs485bus.errors import LimitExceeded, RequestFailed
+from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 
 _POLL = 0.01
@@ -28,12 +31,17 @@ class TlrDrive(TlrKnowledge):
 
     # Commands
 
-    async def _send_move(self, target: int, pace: Pace) -> None:
+    async def _write_ahead(self, target: int, pace: Pace) -> None:
         # 0 comes before the target, too: nothing that is still set may start it.
         await self._clear()
         await self._put_target(target, pace)
-        await self._trigger(_START, pace)
+
+    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+        await self._trigger(_START, pace, slot)
         await self._see_it_start(target)
+
+    def start_frame(self, target: int, pace: Pace) -> Request:
+        return control(self.address, _START)
 
     async def _send_change(self, target: int, pace: Pace, speed: float) -> None:
         await self._put_target(target, pace)
@@ -91,9 +99,9 @@ class TlrDrive(TlrKnowledge):
         if self.link.clear_trigger:
             await self.link.control(ControlWord.NONE)
 
-    async def _trigger(self, word: ControlWord, pace: Pace) -> None:
+    async def _trigger(self, word: ControlWord, pace: Pace, slot: Slot | None = None) -> None:
         self._drive.ramp_takes = pace.rpm / pace.acceleration
-        await self.link.control(word, Repeat.VERIFY)
+        await self.link.control(word, Repeat.VERIFY, slot)
 
     async def _see_it_start(self, target: int | None) -> None:
         """The drive took a trigger: see that it moves, or is there already."""
@@ -146,7 +154,7 @@ class TlrDrive(TlrKnowledge):
         speed = max(1, round(rpm))
         # The time is that of a ramp to the speed, or to one that is always the same.
         full = self.ramp_rpm or float(speed)
-        slowest = full * 1000 / r.MAX_RAMP_MS
+        slowest = self.lowest_acceleration(speed)
         if not acceleration >= slowest * 0.999:
             raise LimitExceeded(
                 f"{self.name}: acceleration {acceleration:g} rpm/s is below {slowest:g} rpm/s, the slowest at {speed} "
@@ -154,6 +162,9 @@ class TlrDrive(TlrKnowledge):
             )
         time = min(r.MAX_RAMP_MS, round(full * 1000 / acceleration))
         return Pace(float(speed), full * 1000 / time if time else math.inf, speed, time)
+
+    def lowest_acceleration(self, rpm: float) -> float:
+        return (self.ramp_rpm or rpm) * 1000 / r.MAX_RAMP_MS
 
     def _ticks(self, duration: float) -> int:
         if not 0.0005 < duration < math.inf:

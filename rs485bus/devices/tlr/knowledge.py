@@ -13,7 +13,6 @@ from rs485bus.arguments import flag, whole
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.job import Urgency
-from rs485bus.devices.conduct import Look
 from rs485bus.devices.retarget import Retargeting
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.alarms import alarm_of
@@ -22,6 +21,7 @@ from rs485bus.devices.tlr.link import Link
 from rs485bus.devices.tlr.telemetry import Report
 from rs485bus.devices.tlr.values import DiFunction, StatusWord
 from rs485bus.devices.tlr.witness import Witness
+from rs485bus.devices.travel import Look
 from rs485bus.errors import DriveFault, MotionError, MoveFailed, ReferenceLost
 from rs485bus.wire.frames import unit_address
 from rs485bus.wire.registers import Block, Register

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any, TypeVar
 
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.job import Urgency
 from rs485bus.devices.tlr.attached import FAMILY, TlrAttached
@@ -88,10 +89,10 @@ class Link:
                 address=self._address,
             )
 
-    async def control(self, word: ControlWord, repeat: Repeat = Repeat.SAFE) -> None:
-        """Write the control word. A stop drops it while it waits."""
+    async def control(self, word: ControlWord, repeat: Repeat = Repeat.SAFE, slot: Slot | None = None) -> None:
+        """Write the control word, at once or when it is its turn. A stop drops it while it waits."""
         attached = self._attached
-        await self._ask(control(self._address, word), repeat=repeat, moves=True)
+        await self._ask(control(self._address, word), repeat=repeat, moves=True, slot=slot)
         attached.word = word
 
     async def auxiliary(self, command: Auxiliary, repeat: Repeat = Repeat.SAFE) -> None:
@@ -114,10 +115,11 @@ class Link:
         urgency: Urgency = Urgency.COMMAND,
         repeat: Repeat = Repeat.SAFE,
         moves: bool = False,
+        slot: Slot | None = None,
     ) -> bytes:
         motion = self._attached.motion if moves else None
         try:
-            return await self._bus.ask(request, urgency=urgency, repeat=repeat, moves=moves, motion=motion)
+            return await self._bus.ask(request, urgency=urgency, repeat=repeat, moves=moves, motion=motion, slot=slot)
         except DeviceRefused as refused:
             known = next((code for code in _REFUSALS if code == refused.code), None)
             if known is None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
 from rs485bus.arguments import flag, positive, whole
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.job import Urgency
 from rs485bus.bus.motion import Motion
@@ -96,10 +97,11 @@ class ZlacDriver:
         repeat: Repeat = Repeat.SAFE,
         moves: bool = False,
         motion: Motion | None = None,
+        slot: Slot | None = None,
     ) -> bytes:
         """Send a request. A drive that does not answer may have restarted: it is set up again before what follows."""
         try:
-            return await self.bus.ask(request, urgency=urgency, repeat=repeat, moves=moves, motion=motion)
+            return await self.bus.ask(request, urgency=urgency, repeat=repeat, moves=moves, motion=motion, slot=slot)
         except (NoReply, DeviceOffline):
             self.known = False
             raise

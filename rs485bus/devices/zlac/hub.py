@@ -16,7 +16,8 @@ from rs485bus.bus.job import Urgency
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.stopping import Halted
 from rs485bus.devices.axis import Axis
-from rs485bus.devices.conduct import Look, Pace
+from rs485bus.devices.pace import Pace
+from rs485bus.devices.travel import Look
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.modes import ZlacModes
 from rs485bus.devices.zlac.setup import SetUp
@@ -205,10 +206,6 @@ class HubMotor(Axis):
         self._enabled = False
         self._forget()
 
-    def forgive(self) -> None:
-        """Take commands again after a failure that nobody has seen."""
-        self._orders.forgive()
-
     def hold(self, until: Handle[None]) -> None:
         """Begin nothing before a stop of both wheels has ended."""
         self._orders.hold(until)
@@ -259,13 +256,7 @@ class HubMotor(Axis):
             return
         self._orders.interrupt(ended)
         # Where both are being stopped already, let that go first.
-        asyncio.get_running_loop().call_soon(self._halt_alone)
-
-    def _halt_alone(self) -> None:
-        halt = self.bus.owner.stations[self.attached.address].halt
-        stopping = halt is not None and halt.motion in (self.motion, self.attached.motion)
-        if self.motion.may_move and not stopping:
-            self._halt(emergency=False)
+        asyncio.get_running_loop().call_soon(self.stop_if_moving)
 
     # What the drive can do
 
@@ -286,7 +277,7 @@ class HubMotor(Axis):
         resolution = self.driver.speed_resolution
         real = max(1, round(rpm * resolution)) / resolution
         change = self.driver.options.ramp_rpm or real
-        lowest = 1000 * change / r.MAX_RAMP
+        lowest = self.lowest_acceleration(real)
         if not acceleration >= lowest:
             raise LimitExceeded(
                 f"{self.name}: acceleration {acceleration:g} rpm/s is below {lowest:.3g} rpm/s: a ramp lasts at most "
@@ -294,6 +285,18 @@ class HubMotor(Axis):
             )
         ramp = round(1000 * change / acceleration)
         return Pace(real, 1000 * change / ramp if ramp else math.inf, round(real), ramp)
+
+    @property
+    def highest_rpm(self) -> float:
+        return min(self.driver.speed_limit, r.MAX_POSITION_RPM)
+
+    def lowest_acceleration(self, rpm: float) -> float:
+        return 1000 * (self.driver.options.ramp_rpm or rpm) / r.MAX_RAMP
+
+    def position_pace(self, rpm: float, acceleration: float) -> Pace:
+        if rpm > r.MAX_POSITION_RPM:
+            raise LimitExceeded(f"{self.name}: {rpm:g} rpm is more than {r.MAX_POSITION_RPM} rpm for a position")
+        return self._pace(float(max(1, round(rpm))), acceleration)
 
     def _ticks(self, duration: float) -> int:
         if not 0 < duration < math.inf:

@@ -13,6 +13,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.handle import Handle, settle
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.stopping import Halted
@@ -298,22 +299,30 @@ class ZlacModes:
             await self.driver.put((r.TORQUE_SLOPE, slopes))
         await self._tell(r.TARGET_TORQUE, {side: torque for side, (torque, _) in wanted.items()})
 
-    async def start(self, wanted: dict[Side, Target]) -> None:
-        """Send wheels somewhere. Raises `OutcomeUnknown` if nobody knows whether they started."""
-        driver, address = self.driver, self.driver.attached.address
+    async def aim(self, wanted: dict[Side, Target]) -> None:
+        """Tell wheels where to go, and how fast, without setting them in motion."""
+        driver = self.driver
         relative = any(abs(target.counts) > r.MAX_ABSOLUTE for target in wanted.values())
-        together = len(wanted) == len(Side)
         mode = ControlMode.POSITION_RELATIVE if relative else ControlMode.POSITION_ABSOLUTE
-        await self.enter(mode, Synchrony.SYNCHRONOUS if together else Synchrony.ASYNCHRONOUS, *wanted)
+        synchrony = Synchrony.SYNCHRONOUS if len(wanted) == len(Side) else Synchrony.ASYNCHRONOUS
+        await self.enter(mode, synchrony, *wanted)
         times = {side: target.ramp for side, target in wanted.items()}
         await driver.put((r.ACCELERATION_TIME, times), (r.DECELERATION_TIME, times))
         scale = driver.speed_resolution if driver.options.scaled_position_speed else 1
         await driver.put((r.POSITION_SPEED, {side: target.rpm * scale for side, target in wanted.items()}))
         counts = {side: target.counts - target.start * relative for side, target in wanted.items()}
         await driver.ask(self._targets(r.TARGET_POSITION, counts), motion=self._motion(wanted))
-        word = ControlWord.START_BOTH if together else _STARTS[next(iter(wanted))]
-        self.told_at.update(dict.fromkeys(wanted, driver.bus.now()))
-        await driver.ask(control(address, word), repeat=Repeat.VERIFY, moves=True, motion=self._motion(wanted))
+
+    async def launch(self, wheels: Collection[Side], slot: Slot | None) -> None:
+        """Start wheels that were told where to go. Raises `OutcomeUnknown` if nobody knows whether they started."""
+        driver, request = self.driver, self.start_frame(wheels)
+        self.told_at.update(dict.fromkeys(wheels, driver.bus.now()))
+        await driver.ask(request, repeat=Repeat.VERIFY, moves=True, motion=self._motion(wheels), slot=slot)
+
+    def start_frame(self, wheels: Collection[Side]) -> Request:
+        """What starts wheels that were told where to go."""
+        word = ControlWord.START_BOTH if len(wheels) == len(Side) else _STARTS[next(iter(wheels))]
+        return control(self.driver.attached.address, word)
 
     async def told(self, twin: r.Twin[int], wanted: dict[Side, int]) -> bool:
         """Whether the drive holds these targets."""

@@ -1,22 +1,21 @@
-"""Two wheels that carry out one command: each brings its part, and what both need is done once."""
+"""Two wheels that carry out one command."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Generator
+from collections.abc import Callable, Generator
 from typing import Any, Generic, TypeVar, cast
 
-from rs485bus.bus.handle import Handle, settle
+from rs485bus.bus.handle import Handle
+from rs485bus.devices.meeting import Meeting
 from rs485bus.devices.move import Move
 from rs485bus.devices.zlac.values import Side
 from rs485bus.errors import MoveCancelled
 
-P = TypeVar("P")
-R = TypeVar("R")
 T = TypeVar("T")
 
 
-class Together:
+class Together(Meeting[Side]):
     """Where the orders of both wheels meet.
 
     Args:
@@ -24,33 +23,13 @@ class Together:
     """
 
     def __init__(self, drop: Callable[[Side], None]) -> None:
+        super().__init__(list(Side))
         self._drop = drop
         self._in = set(Side)
-        self._parts: dict[Side, Any] = {}
-        self._outcome: asyncio.Future[Any] | None = None
 
     def join(self, side: Side, part: Handle[Any]) -> None:
         """A wheel's part of the command. Where it fails, however it does, it takes the other one along."""
         part.add_done_callback(lambda ended: self._leave(side, ended.error is not None))
-
-    async def meet(self, side: Side, part: P, act: Callable[[dict[Side, P]], Awaitable[R]]) -> R:
-        """Wait for the other wheel's part and have both acted on, once. Both get what comes of it."""
-        self._parts[side] = part
-        if len(self._parts) < len(Side):
-            self._outcome = asyncio.get_running_loop().create_future()
-            result: R = await self._outcome
-            return result
-        parts, self._parts = self._parts, {}
-        outcome = self._outcome
-        assert outcome is not None
-        try:
-            result = await act(parts)
-        except Exception as error:
-            if not outcome.done():
-                outcome.set_exception(error)
-            raise
-        settle(outcome, result)
-        return result
 
     def _leave(self, side: Side, failed: bool) -> None:
         self._in.discard(side)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any, TypeVar
 
 import anyio
 
+from rs485bus.bus.burst import Slot
 from rs485bus.bus.handle import Handle
-from rs485bus.devices.conduct import Look, Pace
+from rs485bus.devices.axis import Axis, Goal
+from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move, MoveState
+from rs485bus.devices.pace import Pace
+from rs485bus.devices.travel import Look
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import write_together
 from rs485bus.devices.zlac.hub import HubMotor
@@ -20,12 +24,16 @@ from rs485bus.devices.zlac.modes import Target
 from rs485bus.devices.zlac.together import Together
 from rs485bus.devices.zlac.values import ControlMode, Side, Synchrony, ZeroReset
 from rs485bus.errors import DeviceOffline, LimitExceeded, MoveFailed, NoReply, RequestFailed
+from rs485bus.wire.frames import Request
 
 P = TypeVar("P")
 
 
 class ZlacWheel(HubMotor):
     """One wheel. Made by `Zlac8015d`, as its `left` and its `right`.
+
+    A `move_by` beyond what an absolute target may be (0x3FFFFFFF counts either way) is sent as a distance, which may be
+    0x7FFFFFFF counts long.
 
     What it cannot do alone, because the drive cannot: `enable()`, `disable()` and every stop out of position or torque
     mode concern the other wheel, too; and while the other one keeps a speed or a torque, this one can do only the same.
@@ -35,16 +43,14 @@ class ZlacWheel(HubMotor):
 
     # Verbs
 
-    def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
-        """Go a distance, as every axis does it. Beyond what an absolute target may be (0x3FFFFFFF counts either way) it
-        is sent as a distance, which may be 0x7FFFFFFF counts long."""
+    def goal_by(self, distance: float) -> Goal:
         distance = self._number("distance", distance)
         if abs(self._to_counts(distance)) > r.MAX_COUNTS:
             raise LimitExceeded(
                 f"{self.name}: a way of {distance:g} is longer than {r.MAX_COUNTS} counts, which is what the drive can "
                 "be told. Go it in several moves, each from a new zero: set_zero()."
             )
-        return super().move_by(distance, rpm=rpm, acceleration=acceleration)
+        return super().goal_by(distance)
 
     def torque(self, milliamperes: int, *, slope: int | None = None) -> Move:
         """Push with a torque, given as a current, until told otherwise. Done once the drive was told.
@@ -67,6 +73,15 @@ class ZlacWheel(HubMotor):
         return move
 
     # For the pair
+
+    def accompany(self, moves: Mapping[Axis, JointMove]) -> None:
+        """One frame starts both wheels, where both go."""
+        right = self.other
+        if self.side is Side.LEFT and right in moves and isinstance(right, ZlacWheel):
+            wheels = (self, right)
+            together = Together(lambda side: wheels[side.index].drop(moves[wheels[side.index]]))
+            for wheel in wheels:
+                wheel.pair(moves[wheel], together)
 
     def pair(self, handle: Handle[Any], together: Together) -> None:
         """Carry this out together with the other wheel."""
@@ -159,12 +174,7 @@ class ZlacWheel(HubMotor):
 
         async with self._in_turn(move, ControlMode.POSITION_ABSOLUTE):
             # Once more, with what the drive says of itself.
-            pace = self._pace(pace.rpm, pace.acceleration)
-            if pace.rpm > r.MAX_POSITION_RPM:
-                raise LimitExceeded(
-                    f"{self.name}: {pace.rpm:g} rpm is more than {r.MAX_POSITION_RPM} rpm for a position"
-                )
-            pace = replace(pace, rpm=float(max(1, round(pace.rpm))))
+            pace = self.position_pace(pace.rpm, pace.acceleration)
             look = await super()._carry_out(move, target, pace, send, once=once)
             if not look.enabled:
                 # One that restarted on its way to zero counts from zero, too.
@@ -231,8 +241,14 @@ class ZlacWheel(HubMotor):
 
     # Commands
 
-    async def _send_move(self, target: int, pace: Pace) -> None:
-        await self._start(Target(target, self._from, round(pace.rpm), pace.ramp_code), self.modes.start)
+    async def _write_ahead(self, target: int, pace: Pace) -> None:
+        await self._act(Target(target, self._from, round(pace.rpm), pace.ramp_code), self.modes.aim)
+
+    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+        await self._start(None, lambda wheels: self.modes.launch(wheels, slot))
+
+    def start_frame(self, target: int, pace: Pace) -> Request:
+        return self.modes.start_frame([self.side])
 
     async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
         self._told = (r.TARGET_VELOCITY, round(rpm * self.driver.speed_resolution))

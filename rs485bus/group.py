@@ -1,0 +1,277 @@
+"""Axes that move together: of any family, on one bus or on several."""
+
+from __future__ import annotations
+
+import asyncio
+import copy
+import math
+from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+from rs485bus.bus.handle import Handle
+from rs485bus.devices.axis import Axis, Goal
+from rs485bus.devices.formation import Formation, Wish
+from rs485bus.devices.move import Cancellable, Move, MoveState
+from rs485bus.errors import LimitExceeded, MoveCancelled, NotSupported
+
+T = TypeVar("T")
+
+_RESERVED = ("duration", "rpm")
+
+
+class GroupMove(Cancellable[dict[str, float]]):
+    """A move of several axes. Awaiting it gives the position that each has reached, by name, in its units.
+
+    Where one of them fails, faults, stops answering or is stopped, all others are stopped before anybody is told. It
+    raises what the one has failed of, with its name; those that were stopped raise `MoveCancelled`.
+
+    `async with` waits for it at the end of the block, and stops all its axes if the block is left by an exception.
+    """
+
+    def __init__(self, axes: Mapping[str, Axis], goals: Mapping[str, Goal], wish: Wish) -> None:
+        self._root: str | None = None
+        """Who failed first."""
+        super().__init__(f"move of the group {', '.join(axes)}", self._report)
+        self._axes = axes
+        self._formation = Formation(axes, goals, wish, self.finish, self._failed)
+
+    @property
+    def seen(self) -> bool:
+        """Its failure was raised to somebody: its own, or the one that it comes from."""
+        return self._seen or (self._root is not None and self.moves[self._root].seen)
+
+    @seen.setter
+    def seen(self, seen: bool) -> None:
+        self._seen = seen
+
+    @property
+    def moves(self) -> Mapping[str, Move]:
+        """The part of each axis, by name."""
+        return self._formation.moves
+
+    @property
+    def eta(self) -> float | None:
+        """When all should have arrived, on the event loop's clock; None before that is known."""
+        etas = [move.eta for move in self.moves.values() if move.eta is not None]
+        return max(etas) if len(etas) == len(self.moves) else None
+
+    @property
+    def skew(self) -> float | None:
+        """Seconds between the first and the last frame that started one of them; None before all have started."""
+        if not all(move.state in (MoveState.MOVING, MoveState.DONE) for move in self.moves.values()):
+            return None
+        starts = [move.started_at for move in self.moves.values() if move.started_at is not None]
+        return max(starts) - min(starts)
+
+    def cancel(self) -> None:
+        """End it: what waits leaves the queues, what is under way is stopped. It raises `MoveCancelled`."""
+        if not self.done():
+            self._formation.cancel(MoveCancelled(f"{self.what} was cancelled."))
+
+    async def wait(self) -> dict[str, float]:
+        """Wait until all have arrived.
+
+        Raises:
+            RequestFailed, MotionError: why the first one failed, and which.
+        """
+        try:
+            return await super().wait()
+        finally:
+            if self.done() and self.error is not None:
+                for move in self.moves.values():
+                    move.seen = True
+
+    def _failed(self, who: str | None, error: Exception) -> None:
+        self._root = who
+        self.fail(error if who is None else _named(who, error))
+
+    def _report(self, handle: Handle[Any]) -> None:
+        if self._root is not None and not isinstance(self.error, MoveCancelled):
+            self._axes[self._root].bus.unseen(handle)
+
+
+class Everyone(Generic[T]):
+    """One command of each axis of a group. Awaiting it gives what comes of each, by name.
+
+    Args:
+        parts: the commands, by name.
+    """
+
+    def __init__(self, parts: Mapping[str, Handle[T]]) -> None:
+        self.parts = parts
+
+    def __repr__(self) -> str:
+        return f"<{', '.join(f'{name}: {part!r}' for name, part in self.parts.items())}>"
+
+    def done(self) -> bool:
+        """Whether all have ended, well or not."""
+        return all(part.done() for part in self.parts.values())
+
+    async def wait(self) -> dict[str, T]:
+        """Wait for all to end.
+
+        Raises:
+            RequestFailed, MotionError: why the first one failed, and which.
+        """
+        ended = await asyncio.gather(*(part.wait() for part in self.parts.values()), return_exceptions=True)
+        results, failed = {}, []
+        for name, result in zip(self.parts, ended, strict=True):
+            if isinstance(result, BaseException):
+                failed.append((name, result))
+            else:
+                results[name] = result
+        if failed:
+            name, error = min(failed, key=lambda entry: isinstance(entry[1], MoveCancelled))
+            raise _named(name, error) from error
+        return results
+
+    def __await__(self) -> Generator[Any, None, dict[str, T]]:
+        return self.wait().__await__()
+
+
+class AxisGroup:
+    """Axes that move together, each by a name of its own.
+
+    Args:
+        axes: the axes. They may be of any families, and on several buses of one event loop.
+
+    Raises:
+        ValueError: there is none, one has two names, or a name is taken.
+        TypeError: something is no axis.
+    """
+
+    def __init__(self, **axes: Axis) -> None:
+        if not axes:
+            raise ValueError("a group needs axes: AxisGroup(x=..., y=...)")
+        names: dict[Axis, str] = {}
+        for name, axis in axes.items():
+            if not isinstance(axis, Axis):
+                raise TypeError(
+                    f"{name} is {axis!r}, and no axis. Of what has several, name one by one: left=base.left, ..."
+                )
+            if name in _RESERVED:
+                raise ValueError(f"{name} says how fast a group moves; give {axis.name} another name")
+            if axis in names:
+                raise ValueError(f"{names[axis]} and {name} are one axis, {axis.name}: give it one name")
+            axis.bus.check_thread()
+            names[axis] = name
+        self.axes: Mapping[str, Axis] = dict(axes)
+
+    def __repr__(self) -> str:
+        return f"<group {', '.join(f'{name}={axis.name}' for name, axis in self.axes.items())}>"
+
+    # Moves
+
+    def move_to(self, *, duration: float | None = None, rpm: float | None = None, **positions: float) -> GroupMove:
+        """Send axes to positions: they start together and arrive together. Those that are not named stay out of it.
+
+        Each gets the speed and, where steps of that are too coarse, the ramp with which it takes as long as all; ramps
+        are never quicker than the axis' own `acceleration`. It is one command in the queue of each, and begins when all
+        have come to it.
+
+        Args:
+            duration: seconds; None for as long as the slowest needs at its own `rpm`, or at the one given. An axis with
+                so short a way that it cannot be so slow then arrives earlier.
+            rpm: the highest speed of any of them, above 0.
+            positions: where to go, by name, in the units of each axis.
+
+        Raises:
+            LimitExceeded: a position, a speed or the duration is out of what an axis can do; nothing is queued. What
+                duration an axis can do depends on where it starts: where that is not known yet, it is raised when the
+                move is awaited, and nothing has moved.
+            ValueError: a name is none of the group, or none is given.
+        """
+        return self._go(positions, Axis.goal_to, duration, rpm)
+
+    def move_by(self, *, duration: float | None = None, rpm: float | None = None, **distances: float) -> GroupMove:
+        """Send axes a distance each. Arguments and errors as for `move_to`."""
+        return self._go(distances, Axis.goal_by, duration, rpm)
+
+    def home(self) -> Everyone[float]:
+        """Find the origins of all axes, at once, each as its drive is set up for. All are waited for.
+
+        Raises:
+            NotSupported: one has no origin to find, as wheels have none: `set_zero()` it. Nothing is queued.
+        """
+        homes: dict[str, Callable[[], Handle[float]]] = {}
+        for name, axis in self.axes.items():
+            home = getattr(axis, "home", None)
+            if home is None:
+                raise NotSupported(f"{name}: {axis.name} has no origin to find. set_zero() it where its zero is to be.")
+            homes[name] = home
+        return self._all(homes)
+
+    # Other verbs
+
+    def enable(self) -> Everyone[None]:
+        """Energise all motors, as `Axis.enable`."""
+        for axis in self.axes.values():
+            axis.forgive()
+        return self._all({name: axis.enable for name, axis in self.axes.items()})
+
+    def disable(self) -> Everyone[None]:
+        """Let go of all shafts, as `Axis.disable`."""
+        return self._all({name: axis.disable for name, axis in self.axes.items()})
+
+    def stop(self) -> Everyone[None]:
+        """Stop all axes, with their ramps; see them stand, and drop what is queued. It happens at once."""
+        return Everyone({name: axis.stop() for name, axis in self.axes.items()})
+
+    def emergency_stop(self) -> Everyone[None]:
+        """Stop all axes as fast as their drives can; see them stand, and drop what is queued."""
+        return Everyone({name: axis.emergency_stop() for name, axis in self.axes.items()})
+
+    # Questions
+
+    async def positions(self) -> dict[str, float]:
+        """Where each axis is, in its units."""
+        asked: Sequence[Awaitable[float]] = [axis.position() for axis in self.axes.values()]
+        return dict(zip(self.axes, await asyncio.gather(*asked), strict=True))
+
+    # Inside
+
+    def _all(self, commands: Mapping[str, Callable[[], Handle[T]]]) -> Everyone[T]:
+        """Give a command to each axis, or to none where one does not take it."""
+        for axis in self.axes.values():
+            axis.check_ready()
+        return Everyone({name: command() for name, command in commands.items()})
+
+    def _go(
+        self,
+        places: Mapping[str, float],
+        goal: Callable[[Axis, float], Goal],
+        duration: float | None,
+        rpm: float | None,
+    ) -> GroupMove:
+        if not places:
+            raise ValueError(f"say where the axes are to go, by name: {', '.join(self.axes)}")
+        for name in places:
+            if name not in self.axes:
+                raise ValueError(f"{name} is none of the axes of this group: {', '.join(self.axes)}")
+        for what, value, unit in (("duration", duration, "s"), ("rpm", rpm, "rpm")):
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise LimitExceeded(f"{what} {value:g} is not above 0 {unit}")
+        axes = {name: self.axes[name] for name in places}
+        wish = Wish(duration, rpm)
+        goals = {}
+        for name, axis in axes.items():
+            axis.check_ready()
+            try:
+                goals[name] = goal(axis, places[name])
+                start, end = axis.planned, goals[name].planned
+                if start is not None and end is not None:
+                    wish.check(axis, axis.way(start, end))
+            except LimitExceeded as error:
+                raise _named(name, error) from None
+        return GroupMove(axes, goals, wish)
+
+
+E = TypeVar("E", bound=BaseException)
+
+
+def _named(name: str, error: E) -> E:
+    """The same error, saying which axis it is of."""
+    named = copy.copy(error)
+    named.args = (f"{name}: {error}",)
+    named.__cause__ = error
+    return named

@@ -65,6 +65,8 @@ class GroupMove(Cancellable[dict[str, float]]):
 
     def cancel(self) -> None:
         """End it: what waits leaves the queues, what is under way is stopped. It raises `MoveCancelled`."""
+        for axis in self._axes.values():
+            axis.bus.check_thread()
         if not self.done():
             self._formation.cancel(MoveCancelled(f"{self.what} was cancelled."))
 
@@ -76,10 +78,10 @@ class GroupMove(Cancellable[dict[str, float]]):
         """
         try:
             return await super().wait()
-        finally:
-            if self.done() and self.error is not None:
-                for move in self.moves.values():
-                    move.seen = True
+        except Exception:
+            for move in self.moves.values():
+                move.seen = True
+            raise
 
     def _failed(self, who: str | None, error: Exception) -> None:
         self._root = who

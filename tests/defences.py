@@ -382,9 +382,9 @@ DEFENCES = [
     ),
     Defence(
         "a request made at the end of another, answered by bytes that were there before",
-        "bus/bus.py",
-        "pumping, self._pumping = self._pumping, True",
-        "pumping, self._pumping = self._pumping, False",
+        "bus/pump.py",
+        "running, self._running = self._running, True",
+        "running, self._running = self._running, False",
         "tests/shell/test_chained.py",
     ),
     Defence(

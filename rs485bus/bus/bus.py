@@ -1,4 +1,4 @@
-"""What the user holds: the owner, its transport and its alarm, under one event loop."""
+"""What the user holds: one pair of wires, under one event loop."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from rs485bus.bus.handle import Handle, outlast, settle
 from rs485bus.bus.job import Job, Outcome, Urgency
 from rs485bus.bus.motion import Motion
 from rs485bus.bus.owner import Owner
+from rs485bus.bus.pump import Pump
 from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.stopping import Halted, Procedure, unconfirmed
 from rs485bus.bus.unit import Broadcast, Unit
@@ -48,12 +49,8 @@ class Bus:
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
         self._owner.feeding.on_escape = warn_of
-        self._owner.starts.poke = self._pump
-        self._alarm = transport.alarm(self._wake)
-        self._pumping = False
-        self._again = False
-        self._woken = False
-        self._wakes_at = float("inf")
+        self._pump = Pump(self._owner, transport, self._loop)
+        self._owner.starts.poke = self._pump.run
         self._units: dict[int, Unit] = {}
         self._members: list[Member] = []
         self._unseen: list[Handle[Any]] = []
@@ -220,7 +217,7 @@ class Bus:
         """Put a job into the queue; it goes out at once if the wire is free."""
         self.check_thread()
         self._owner.submit(job, self._loop.time())
-        self._look()
+        self._pump.look()
 
     async def ask(
         self,
@@ -268,7 +265,7 @@ class Bus:
         """Have the owner carry out a procedure that nothing can cancel."""
         self._owner.now = self._loop.time()
         self._owner.start(procedure, done)
-        self._pump()
+        self._pump.run()
 
     def halt(
         self,
@@ -284,7 +281,7 @@ class Bus:
         self._owner.now = self._loop.time()
         halt = self._owner.halt(self._owner.stations[attached.address], motion, emergency=emergency, frames=frames)
         halt.listen(told)
-        self._pump()
+        self._pump.run()
 
     def heard_after(self, requests: Sequence[Request]) -> list[float]:
         """When each of some frames that go out as one will have been understood, in seconds from the first one's
@@ -305,7 +302,7 @@ class Bus:
             return
         self._owner.after_stops(once)
         self._loop.call_later(_STOPS_TAKE, once)
-        self._pump()
+        self._pump.run()
 
     def spawn(self, coroutine: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
         """A task of the bus' own, outside of any task group."""
@@ -316,7 +313,7 @@ class Bus:
 
     def poke(self) -> None:
         """The owner has something new to wait for."""
-        self._pump()
+        self._pump.run()
 
     def after(self, seconds: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
         """Call back after so many seconds."""
@@ -343,19 +340,13 @@ class Bus:
 
     def received(self, data: bytes) -> None:
         """Bytes came in. For the transport."""
-        # Who is told of a reply may ask for more: that goes out when all bytes are understood.
-        pumping, self._pumping = self._pumping, True
-        try:
-            self._owner.feed(data, self._loop.time())
-        finally:
-            self._pumping = pumping
-        self._look()
+        self._pump.received(data)
 
     def lost(self, error: Exception | None) -> None:
         """The port is gone. For the transport."""
         _log.warning("%s was lost%s; trying to open it again", self._transport.name, f": {error}" if error else "")
         self._owner.unplugged(self._loop.time())
-        self._pump()
+        self._pump.run()
         if self._closing is None:
             self.spawn(self._reopen(), "rs485bus reopening")
 
@@ -364,10 +355,10 @@ class Bus:
         try:
             await self._transport.open(self)
         except BaseException:
-            self._alarm.close()
+            self._pump.close()
             raise
         self.spawn(self._keep(), "rs485bus keeper")
-        self._pump()
+        self._pump.run()
 
     async def _reopen(self) -> None:
         pause = self.config.reopen_min
@@ -382,7 +373,7 @@ class Bus:
                 break
         _log.warning("%s is open again", self._transport.name)
         self._owner.plugged(self._loop.time())
-        self._pump()
+        self._pump.run()
 
     async def _keep(self) -> None:
         """Stand by for the end of the event loop: a bus that was not closed by then stops its motors first."""
@@ -405,7 +396,7 @@ class Bus:
             if not halted.standing:
                 _log.critical("%s %d was NOT CONFIRMED STANDING when the bus was closed", halted.family, halted.address)
         self._owner.close(self._loop.time())
-        self._alarm.close()
+        self._pump.close()
         for task in tuple(self._tasks):
             if task is not asyncio.current_task():
                 task.cancel()
@@ -413,59 +404,6 @@ class Bus:
 
     def _give_up(self, stopped: asyncio.Future[list[Halted]]) -> None:
         settle(stopped, unconfirmed(self.devices))
-
-    def _wake(self) -> None:
-        """The alarm went off."""
-        self._woken = True
-        try:
-            self._pump()
-        finally:
-            self._woken = False
-
-    def _look(self) -> None:
-        """The owner may have to be woken sooner than it was to be."""
-        wake = self._owner.wake
-        if self._pumping or wake <= self._loop.time():
-            self._pump()
-        else:
-            self._set_alarm(wake)
-
-    def _set_alarm(self, wake: float) -> None:
-        self._wakes_at = wake
-        self._alarm.set(wake, likely=self._owner.pair.job is None)
-
-    def _pump(self) -> None:
-        """Let the owner do what is due, send what it wants to send, and set the alarm."""
-        if self._pumping:
-            self._again = True  # asked for from within: the loop below comes round again
-            return
-        self._pumping = True
-        owner, transport, loop = self._owner, self._transport, self._loop
-        try:
-            while True:
-                self._again = False
-                now = loop.time()
-                if owner.pair.job is not None and now >= owner.pair.deadline and transport.unsent:
-                    # What could not be sent in its time must not arrive later.
-                    transport.abort()
-                quiet_at = owner.pair.quiet_at
-                frame = owner.tick(now, self._alarm.lead)
-                if frame is not None:
-                    if self._woken and self._wakes_at < quiet_at:
-                        self._alarm.learn(loop.time() - quiet_at)
-                        self._woken = False
-                    while loop.time() < owner.send_at:
-                        pass  # less than the alarm's lead
-                    transport.write(frame)
-                if not self._again:
-                    break  # after a frame there is a silence: there is nothing more to send
-            self._set_alarm(owner.wake)
-        except BaseException:
-            # A second Ctrl-C, say, in the middle of this: what stops motors must go on.
-            loop.call_soon(self._pump)
-            raise
-        finally:
-            self._pumping = False
 
     def check_thread(self) -> None:
         """Refuse a call that the event loop of the bus cannot carry out.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import copy
-import math
 from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
+from rs485bus.arguments import positive
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.axis import Axis, Goal
 from rs485bus.devices.formation import Formation, Wish
@@ -182,6 +182,7 @@ class AxisGroup:
                 duration an axis can do depends on where it starts: where that is not known yet, it is raised when the
                 move is awaited, and nothing has moved.
             ValueError: a name is none of the group, or none is given.
+            TypeError: something is no number.
         """
         return self._go(positions, Axis.goal_to, duration, rpm)
 
@@ -250,11 +251,11 @@ class AxisGroup:
         for name in places:
             if name not in self.axes:
                 raise ValueError(f"{name} is none of the axes of this group: {', '.join(self.axes)}")
-        for what, value, unit in (("duration", duration, "s"), ("rpm", rpm, "rpm")):
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise LimitExceeded(f"{what} {value:g} is not above 0 {unit}")
         axes = {name: self.axes[name] for name in places}
-        wish = Wish(duration, rpm)
+        wish = Wish(
+            None if duration is None else positive("duration (s)", duration),
+            None if rpm is None else positive("rpm", rpm),
+        )
         goals = {}
         for name, axis in axes.items():
             axis.check_ready()
@@ -263,7 +264,7 @@ class AxisGroup:
                 start, end = axis.planned, goals[name].planned
                 if start is not None and end is not None:
                     wish.check(axis, axis.way(start, end))
-            except LimitExceeded as error:
+            except (LimitExceeded, TypeError) as error:
                 raise _named(name, error) from None
         return GroupMove(axes, goals, wish)
 

@@ -43,6 +43,9 @@ class GroupMove(Cancellable[dict[str, float]]):
     @seen.setter
     def seen(self, seen: bool) -> None:
         self._seen = seen
+        if seen:
+            for move in self.moves.values():
+                move.seen = True
 
     @property
     def moves(self) -> Mapping[str, Move]:
@@ -76,12 +79,7 @@ class GroupMove(Cancellable[dict[str, float]]):
         Raises:
             RequestFailed, MotionError: why the first one failed, and which.
         """
-        try:
-            return await super().wait()
-        except Exception:
-            for move in self.moves.values():
-                move.seen = True
-            raise
+        return await super().wait()
 
     def _failed(self, who: str | None, error: Exception) -> None:
         self._root = who

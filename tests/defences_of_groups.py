@@ -116,6 +116,20 @@ GROUPS = [
         "tests/devices/test_meeting.py",
     ),
     Defence(
+        "group: an axis that starts alone because what is written ahead was lost",
+        "devices/conduct.py",
+        "            await self._surely_write_ahead(target, pace)\n",
+        "            await self._write_ahead(target, pace)\n",
+        _ONCE,
+    ),
+    Defence(
+        "group: an axis that goes on to its next command while another may still fail",
+        "devices/travel.py",
+        "        await move.ended()\n",
+        "",
+        _ENDINGS,
+    ),
+    Defence(
         "group: a lost start repeated without looking whether it was taken",
         "devices/conduct.py",
         "                    if await self._took(move, before, target, once):\n                        return\n",

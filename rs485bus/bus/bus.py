@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import threading
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
@@ -247,7 +248,7 @@ class Bus:
             motion=motion,
             reply_timeout=reply_timeout,
             slot=slot,
-            expires_at=None if timeout is None else self._loop.time() + timeout,
+            expires_at=None if timeout in (None, math.inf) else self._loop.time() + timeout,
             on_end=lambda _: settle(ended, None),
         )
         self.submit(job)

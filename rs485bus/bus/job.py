@@ -135,7 +135,11 @@ class Job:
         self.request = request
         self.address = request.address
         self.is_broadcast = request.address == BROADCAST
-        self.urgency = urgency if slot is None else Urgency.START
+        if slot is not None:
+            urgency = Urgency.START
+        elif urgency is Urgency.START:
+            urgency = Urgency.COMMAND  # there is nothing that it could go out with
+        self.urgency = urgency
         self.repeat = repeat
         self.moves = moves
         self.motion = motion

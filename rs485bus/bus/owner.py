@@ -407,7 +407,8 @@ class Owner:
     def _may_repeat(self, job: Job) -> bool:
         retries = self.config.retries if job.retries is None else job.retries
         expired = job.expires_at is not None and job.expires_at <= self.now
-        return job.repeat is Repeat.SAFE and job.attempts <= retries and not job.deserted and not expired
+        is_safe = job.repeat is Repeat.SAFE and job.slot is None
+        return is_safe and job.attempts <= retries and not job.deserted and not expired
 
     # How jobs end
 

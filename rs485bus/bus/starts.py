@@ -121,7 +121,8 @@ class Starts:
         return until
 
     def is_free(self, now: float) -> bool:
-        return self._gate.connected and self._pair.job is None and now >= self._free_at()
+        taken = any(burst.began_at is not None for burst in self._waiting)
+        return self._gate.connected and self._pair.job is None and not taken and now >= self._free_at()
 
     def drop(self, burst: Burst) -> None:
         for job in self._in_order(burst):

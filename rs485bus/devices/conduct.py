@@ -130,10 +130,11 @@ class Conduct(Travel):
 
         async def start() -> None:
             nonlocal slot
+            await self._surely_write_ahead(target, pace)
             # Only the first attempt goes out with the others, when it is its turn.
             place, slot = slot, None
             try:
-                await self._send_move(target, pace, place)
+                await self._send_start(target, pace, place)
             finally:
                 if place is not None and move.started_at is not None:
                     move.started_at = max(move.started_at, self.motion.commanded_at)
@@ -227,6 +228,17 @@ class Conduct(Travel):
                     raise unknown from None
                 if attempt + 1 == _ATTEMPTS:
                     raise
+
+    async def _surely_write_ahead(self, target: int, pace: Pace) -> None:
+        """Nothing moves by what is written ahead: where nobody knows whether the drive took it, it is said again.
+        A start does not stand for it, lest an axis of a group starts alone, or not at all."""
+        for attempt in range(_ATTEMPTS):
+            try:
+                await self._write_ahead(target, pace)
+                return
+            except OutcomeUnknown as unknown:
+                if attempt + 1 == _ATTEMPTS:
+                    raise MoveFailed(f"{self.name} could not be told its move: {unknown}") from unknown
 
     async def _took(self, move: Move, before: Look, target: int | None, once: bool) -> bool:
         """Whether a start was taken whose answer was lost: it moves, or is there already."""

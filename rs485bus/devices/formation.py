@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import math
 from collections.abc import Callable, Mapping
@@ -18,7 +19,7 @@ from rs485bus.devices.joint import Course
 from rs485bus.devices.meeting import Meeting
 from rs485bus.devices.move import MoveState
 from rs485bus.devices.pace import fitting, quickest, slowest
-from rs485bus.errors import LimitExceeded, MoveCancelled
+from rs485bus.errors import BusError, LimitExceeded, MoveCancelled
 from rs485bus.wire.frames import Request
 
 _ROUNDING = 0.001
@@ -172,7 +173,9 @@ class Formation:
             return
         self._over = True
         self._first, self._cause = stumbling, self._at_fault or stumbling
-        begun = [axis for name, axis in self._axes.items() if self.moves[name].state is not MoveState.QUEUED]
+        # Who has ended its part may be on its next command, which is none of this one's.
+        under_way = (MoveState.STARTING, MoveState.MOVING)
+        begun = [axis for name, axis in self._axes.items() if self.moves[name].state in under_way]
         for name, axis in self._axes.items():
             if name != stumbling:
                 axis.give_up(self.moves[name], MoveCancelled(f"Cancelled: {self.moves[name].what} has ended before."))
@@ -181,7 +184,8 @@ class Formation:
 
     def _stop(self, begun: list[Axis]) -> None:
         for axis in begun:
-            axis.stop_if_moving()
+            with contextlib.suppress(BusError):  # one that cannot be stopped must not keep the others from it
+                axis.stop_if_moving()
         self._unstopped = {axis.bus for axis in self._axes.values()}
         for bus in tuple(self._unstopped):
             bus.after_stops(functools.partial(self._stopped, bus))

@@ -103,3 +103,7 @@ class JointMove(Move):
     async def all_arrived(self, within: float) -> bool:
         """Say that the axis has arrived; wait so many seconds until all have. Whether they have."""
         return await self._company.all_arrived(self.who, within)
+
+    async def ended(self) -> None:
+        """Wait until it has ended for all: none begins its next command while another may still fail in this one."""
+        await self._company.meet(self.who)

@@ -166,6 +166,7 @@ class Travel(Halting):
             if look is not None:
                 self._check_reference(look, arrived)
                 self._seen = look
+        await move.ended()
 
     def _too_late(self, move: Move) -> MoveTimeout:
         self._begin_stop(emergency=False)

@@ -10,7 +10,9 @@ from rs485bus.bus.guarding import admit_watchdogs, arm
 from rs485bus.bus.job import Job, Outcome, Reason, Urgency
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read
+from rs485bus.sim import SimUnit
 from rs485bus.sim.rig import Rig
+from rs485bus.wire.frames import read_holding
 from tests.bus.support import Drive, devices_of, drives, outcomes
 
 SLOW = BusConfig(echo=False, reply_timeout=0.05)
@@ -184,3 +186,10 @@ def test_who_waits_for_stops_to_be_on_the_wire_is_told_when_the_last_one_is() ->
     rig.owner.after_stops(lambda: told.append(sum(frame[1:4] == b"\x06\x00\xf7" for _, frame in rig.sent)))
     rig.run(1.0)
     assert told == [2]  # in the tick that hands out the third
+
+
+def test_what_is_asked_for_as_a_start_but_alone_goes_out_as_a_command() -> None:
+    rig = Rig(SimUnit(9, {0: 1}))
+    job = rig.submit(read_holding(9, 0, 1), urgency=Urgency.START)
+    rig.done(job)
+    assert job.outcome is Outcome.REPLY

@@ -548,3 +548,38 @@ async def test_a_start_that_is_refused_keeps_those_behind_it_from_starting() -> 
             await p.group.move_to(a=10, b=10, c=10)
         assert p.moves("c") == 0
         await standing(p)
+
+
+@on_virtual_clock
+async def test_none_begins_its_next_command_before_the_move_has_ended_for_all() -> None:
+    async with plant(MKS, MKS, MKS) as p:
+        move = p.group.move_to(a=0.0, b=5.0, c=5.0)
+        following = p.axes["b"].move_to(50.0)
+        while p.moves("b") == 0 or p.moving("b"):  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+        sim, until = p.sims["a"], p.now + 0.25
+        receive = sim.receive
+        # It is asked how it is when the others arrive, and the answer is lost.
+        sim.receive = lambda frame, now: None if now < until else receive(frame, now)  # type: ignore[method-assign]
+        while not move.done():
+            assert following.state is MoveState.QUEUED
+            await asyncio.sleep(0.005)
+        await move
+        await following
+        assert p.turns("b") == pytest.approx(50.0, abs=0.01)
+        assert p.moves("b") == 2
+
+
+@on_virtual_clock
+async def test_leaving_its_block_after_it_has_failed_counts_as_having_seen_that() -> None:
+    async with plant(MKS, MKS) as p:
+        with pytest.raises(KeyError):
+            async with p.group.move_to(a=20.0, b=20.0) as move:
+                await asyncio.sleep(0.5)
+                fail(p, "a")
+                await asyncio.sleep(3.0)
+                assert move.done()
+                raise KeyError
+        await standing(p)
+        for axis in p.axes.values():
+            axis.check_ready()

@@ -5,8 +5,9 @@ import asyncio
 import pytest
 
 from rs485bus import BusConfig
-from rs485bus.errors import BusError
+from rs485bus.errors import BusError, MoveFailed
 from rs485bus.sim import Noise
+from rs485bus.wire.frames import crc
 from tests.devices.group_plant import LEFT, MKS, RIGHT, TLR, Plant, plant
 from tests.devices.mks.bench import on_virtual_clock
 
@@ -74,3 +75,44 @@ async def test_many_group_moves_on_a_bad_line_end_where_they_should(seed: int) -
         for name, target in there.items():
             assert p.turns(name) == pytest.approx(target, abs=0.01)
             assert p.moves(name) == 8
+
+
+def _sealed(frame: bytes) -> bytes:
+    return frame + crc(frame)
+
+
+def refuse_after_a_loss(p: Plant, name: str, frame: bytes) -> None:
+    """Lose the next such write, and have its repetition refused."""
+    sim = p.sims[name]
+    receive, left = sim.receive, [None, _sealed(bytes((sim.address, frame[0] | 0x80, 4)))]
+
+    def bad(got: bytes, now: float) -> bytes | None:
+        return left.pop(0) if left and got[1:].startswith(frame) else receive(got, now)
+
+    sim.receive = bad  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("way", [10.0, 0.0])
+@on_virtual_clock
+async def test_what_is_written_ahead_is_said_again_and_no_axis_starts_without_the_others(way: float) -> None:
+    async with plant(MKS, TLR, config=BusConfig(reply_timeout=0.03)) as p:
+        refuse_after_a_loss(p, "b", b"\x10\x00\x33")
+        async with asyncio.timeout(60):
+            move = p.group.move_to(a=10.0, b=way)
+            assert await move == pytest.approx({"a": 10.0, "b": way}, abs=0.01)
+        assert p.moves("a") == 1
+        assert p.moves("b") <= 1
+        assert move.skew is not None
+        assert move.skew < 0.05
+
+
+@on_virtual_clock
+async def test_what_cannot_be_written_ahead_ends_the_move_for_all() -> None:
+    async with plant(MKS, TLR, config=BusConfig(reply_timeout=0.03)) as p:
+        for _ in range(3):
+            refuse_after_a_loss(p, "b", b"\x10\x00\x33")
+        with pytest.raises(MoveFailed, match="could not be told its move"):
+            async with asyncio.timeout(60):
+                await p.group.move_to(a=10.0, b=10.0)
+        assert p.stands()
+        assert (p.moves("a"), p.moves("b")) == (0, 0)

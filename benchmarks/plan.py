@@ -105,7 +105,7 @@ def _watched(scale: Scale) -> Iterator[Measurement]:
 
 def _idle(scale: Scale) -> Iterator[Measurement]:
     for repetition in range(scale.repeats):
-        for drives in (1, 4, 16):
+        for drives in (1, 4, 8, 16):
             for library in {OURS, FLOOR} & set(scale.libraries):
                 task = Task(library=library, name="idle", seconds=scale.idle, amount=drives)
                 yield Measurement("idle", task, SERVOS, repetition)

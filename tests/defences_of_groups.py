@@ -34,7 +34,7 @@ GROUPS = [
     Defence(
         "group: a burst longer than watchdogs can wait for",
         "bus/starts.py",
-        "if takes_all > self._slack()",
+        "if takes_all > self._feeding.slack",
         "if False",
         _BURSTS,
     ),

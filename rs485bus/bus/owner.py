@@ -56,7 +56,7 @@ class Owner:
         silence = config.tcp_gap if gateway else line.t35
         self.pair = Pair(line, silence, None if config.echo == "auto" else config.echo, now)
         self._queue = Queue()
-        self.starts = Starts(self.pair, self._queue, self.gate, self._slack, self._free_at, self._drop)
+        self.starts = Starts(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
         self._turnaround_until = NEVER
         self._wake = FOREVER
         self._lead = 0.0
@@ -250,10 +250,6 @@ class Owner:
     def _free_at(self) -> float:
         """From when on the next frame may be handed out, if nothing is out."""
         return max(self.pair.quiet_at - self._lead, self._turnaround_until)
-
-    def _slack(self) -> float:
-        """How long the wire may be taken at once, lest a device trips."""
-        return self.feeding.slack
 
     def _look_at(self) -> float:
         """When something may go, if nothing is out. What somebody waits for is made ready while the line is quiet."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from rs485bus.bus.burst import Burst, takes
+from rs485bus.bus.feeding import Feeding
 from rs485bus.bus.gate import Gate
 from rs485bus.bus.job import Job, Outcome, Reason
 from rs485bus.bus.pair import Pair
@@ -23,7 +24,7 @@ class Starts:
         pair: the pair.
         queue: what waits for it.
         gate: who may go onto it.
-        slack: for how long, in seconds, the wire may be taken at once.
+        feeding: the watchdogs, which say for how long the wire may be taken at once.
         free_at: from when on the next frame may be handed out, if none is out.
         give_up: ends a job that was taken out of the queue.
     """
@@ -33,7 +34,7 @@ class Starts:
         pair: Pair,
         queue: Queue,
         gate: Gate,
-        slack: Callable[[], float],
+        feeding: Feeding,
         free_at: Callable[[], float],
         give_up: Callable[[Job, Reason], None],
     ) -> None:
@@ -42,7 +43,7 @@ class Starts:
         self._pair = pair
         self._queue = queue
         self._gate = gate
-        self._slack = slack
+        self._feeding = feeding
         self._free_at = free_at
         self._give_up = give_up
         self._waiting: dict[Burst, dict[int, Job]] = {}
@@ -103,7 +104,7 @@ class Starts:
 
     def gives_way(self, now: float) -> bool:
         """Whether a burst has had the wire for as long as it may be taken at once: where it was not answered."""
-        slack = self._slack()
+        slack = self._feeding.slack
         return any(burst.began_at is not None and now - burst.began_at > slack for burst in self._waiting)
 
     # As a burst sees it
@@ -113,7 +114,7 @@ class Starts:
         takes_all = sum(takes(self._pair.line, self._pair.silence, job.request) for job in jobs)
         until = now
         for job in jobs:
-            reason = Reason.BURST_TOO_LONG if takes_all > self._slack() else self._gate.refusal(job)
+            reason = Reason.BURST_TOO_LONG if takes_all > self._feeding.slack else self._gate.refusal(job)
             if reason is not Reason.NONE:
                 self._take_out(job, reason)
                 break

@@ -90,11 +90,6 @@ class Conduct(Travel):
     async def _why(self, look: Look, target: int) -> MotionError:
         """Why it stands where it should not, from what the drive reports."""
 
-    async def _send_move(self, target: int, pace: Pace, slot: Slot | None = None) -> None:
-        """Start a move to an absolute target. Raises as `_send_start`."""
-        await self._write_ahead(target, pace)
-        await self._send_start(target, pace, slot)
-
     # Moves
 
     async def _carry_out(
@@ -108,7 +103,7 @@ class Conduct(Travel):
     ) -> Look:
         """A move to a target, from start to arrival.
 
-        `send` starts it in another way than `_send_move` does; `once` as for `_begin`.
+        `send` starts it in another way than `_write_ahead` and `_send_start` do; `once` as for `_begin`.
         """
         before = await self._prepare()
         slot = None

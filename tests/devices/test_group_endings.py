@@ -392,8 +392,7 @@ async def test_wheels_of_one_drive_in_two_groups_do_not_wait_for_each_other_for_
 async def test_a_failure_of_a_group_that_nobody_awaited_is_raised_once_from_the_block() -> None:
     with pytest.raises(ExceptionGroup) as raised:
         async with plant(MKS, MKS) as p:
-            p.group.move_to(a=20, b=20)
-            await asyncio.sleep(1.0)
+            await under_way(p, a=20, b=20)
             fail(p, "a")
             await asyncio.sleep(5.0)
     assert [str(error)[:9] for error in raised.value.exceptions] == ["a: MKS 1 "]
@@ -402,8 +401,7 @@ async def test_a_failure_of_a_group_that_nobody_awaited_is_raised_once_from_the_
 @on_virtual_clock
 async def test_a_failure_that_was_raised_from_the_move_of_its_axis_is_not_raised_from_the_block_again() -> None:
     async with plant(MKS, MKS) as p:
-        move = p.group.move_to(a=20, b=20)
-        await asyncio.sleep(1.0)
+        move = await under_way(p, a=20, b=20)
         fail(p, "a")
         with pytest.raises(MotorStalled):
             await move.moves["a"]
@@ -412,8 +410,7 @@ async def test_a_failure_that_was_raised_from_the_move_of_its_axis_is_not_raised
 @on_virtual_clock
 async def test_a_failure_that_was_seen_lets_all_axes_take_commands_again() -> None:
     async with plant(MKS, MKS) as p:
-        move = p.group.move_to(a=20, b=20)
-        await asyncio.sleep(1.0)
+        move = await under_way(p, a=20, b=20)
         fail(p, "a")
         with pytest.raises(MotorStalled):
             await move

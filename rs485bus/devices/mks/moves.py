@@ -137,7 +137,7 @@ class MksMoves(MksDrive, Retargeting):
 
     async def _send_change(self, target: int, pace: Pace, speed: float) -> None:
         """By 0xF5 once more (9.4, note 2)."""
-        await self._send_move(target, pace)
+        await self._send_start(target, pace, None)
         # It may be faster than it is to be.
         self._drive.ramp_takes = max(abs(speed), pace.rpm) / pace.acceleration
 

@@ -2,8 +2,8 @@
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Urgency
 from rs485bus.bus.opening import open_bus
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.mks import MksServo
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.devices.tlr import TlrStepper

@@ -15,7 +15,7 @@ from rs485bus.devices.axis import Axis
 from rs485bus.devices.mks import Model, WorkMode
 from rs485bus.devices.tlr import Homing, HomingMode
 from rs485bus.sim import SimMks, SimTlr, SimUnit, SimZlac, VirtualLine
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 FAMILIES: list[tuple[Callable[..., Any], int]] = [(MksServo, 1), (Zlac8015d, 2), (TlrStepper, 3)]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from benchmarks.setting import READ_COUNT
 from benchmarks.tasks.task import Result, Task
 from rs485bus import MksServo, Urgency, open_bus
-from rs485bus.bus.job import Job
 from rs485bus.bus.record import Record
+from rs485bus.bus.schedule.job import Job
 from rs485bus.sim import SimMks, SimUnit, VirtualClockLoop, VirtualLine
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding

@@ -9,20 +9,20 @@ import threading
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, TypeVar
 
-from rs485bus.bus.attached import Attached, Member
-from rs485bus.bus.burst import Slot
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
-from rs485bus.bus.guarding import EmergencyReport, emergency_stop, shut_down
 from rs485bus.bus.handle import Handle, outlast, settle
-from rs485bus.bus.job import Job, Outcome, Urgency
-from rs485bus.bus.motion import Motion
 from rs485bus.bus.owner import Owner
-from rs485bus.bus.pump import Pump
 from rs485bus.bus.record import BusStats, Record
-from rs485bus.bus.stopping import Halted, Procedure, unconfirmed
+from rs485bus.bus.runner import OwnerRunner
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.stopping.halt import Halted, Procedure, unconfirmed
 from rs485bus.bus.unit import Broadcast, Unit
-from rs485bus.bus.watch import Watchdog, warn_of
+from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
+from rs485bus.bus.units.motion import Motion
+from rs485bus.bus.watchdog.guard import WatchdogGuard, warn_of
+from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop, shut_down
 from rs485bus.errors import AddressInUse, BusClosed, BusError, PortError, WrongThread
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request, unit_address
@@ -50,10 +50,10 @@ class Bus:
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
         self._owner.feeding.on_escape = warn_of
-        self._pump = Pump(self._owner, transport, self._loop)
+        self._pump = OwnerRunner(self._owner, transport, self._loop)
         self._owner.starts.poke = self._pump.run
         self._units: dict[int, Unit] = {}
-        self._members: list[Member] = []
+        self._members: list[BusMember] = []
         self._unseen: list[Handle[Any]] = []
         self._tasks: set[asyncio.Task[Any]] = set()
         self._closing: asyncio.Task[None] | None = None
@@ -73,7 +73,7 @@ class Bus:
             unit = self._units[address] = Unit(self, address)
         return unit
 
-    def watchdog(self, *axes: Member, timeout: float, lease: float | None = None) -> Watchdog:
+    def watchdog(self, *axes: BusMember, timeout: float, lease: float | None = None) -> WatchdogGuard:
         """Arm the watchdogs of some axes, and feed them while a block runs.
 
         Args:
@@ -96,7 +96,7 @@ class Bus:
                 raise TypeError(f"watchdog() guards axes, not {axis!r}: bus.watchdog(x, y, timeout=1.0)")
         devices = [axis.attached for axis in axes]
         members = [member for member in self._members if member.attached in devices]
-        return Watchdog(self, devices, members, timeout, lease)
+        return WatchdogGuard(self, devices, members, timeout, lease)
 
     def emergency_stop(self) -> Handle[EmergencyReport]:
         """Stop every device as fast as it can, and let nothing move until `clear_emergency_stop()`.
@@ -184,9 +184,9 @@ class Bus:
     # What facades need
 
     @property
-    def devices(self) -> list[Attached]:
+    def devices(self) -> list[DeviceAdapter]:
         """The devices attached."""
-        return [station.attached for station in self._owner.stations if station.attached is not None]
+        return [unit.attached for unit in self._owner.units if unit.attached is not None]
 
     @property
     def owner(self) -> Owner:
@@ -197,7 +197,7 @@ class Bus:
         """The time on the bus' clock, in seconds: the event loop's."""
         return self._loop.time()
 
-    def attach(self, member: Member) -> None:
+    def attach(self, member: BusMember) -> None:
         """A facade takes its address.
 
         Raises:
@@ -205,13 +205,13 @@ class Bus:
         """
         self.check_thread()
         attached = member.attached
-        station = self._owner.stations[attached.address]
-        if station.attached is not None:
+        unit = self._owner.units[attached.address]
+        if unit.attached is not None:
             raise AddressInUse(
-                f"Address {attached.address} has a facade already ({station.attached.family}). "
+                f"Address {attached.address} has a facade already ({unit.attached.family}). "
                 "Use that one in all places; two would not know of each other's moves."
             )
-        station.attach(attached)
+        unit.attach(attached)
         self._members.append(member)
 
     def submit(self, job: Job) -> None:
@@ -230,13 +230,13 @@ class Bus:
         moves: bool = False,
         motion: Motion | None = None,
         reply_timeout: float | None = None,
-        slot: Slot | None = None,
+        slot: BurstSlot | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it. Raises as described at `Unit`.
 
         One with a `slot` goes out with others, as one, and as what starts a group.
         """
-        attached = self._owner.stations[request.address].attached
+        attached = self._owner.units[request.address].attached
         if motion is None and moves:
             motion = None if attached is None else attached.motion
         ended = self._loop.create_future()
@@ -270,7 +270,7 @@ class Bus:
 
     def halt(
         self,
-        attached: Attached,
+        attached: DeviceAdapter,
         motion: Motion,
         *,
         emergency: bool = False,
@@ -280,7 +280,7 @@ class Bus:
         """Stop a device, or the part of it named, until it is seen standing."""
         self.check_thread()
         self._owner.now = self._loop.time()
-        halt = self._owner.halt(self._owner.stations[attached.address], motion, emergency=emergency, frames=frames)
+        halt = self._owner.halt(self._owner.units[attached.address], motion, emergency=emergency, frames=frames)
         halt.listen(told)
         self._pump.run()
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypedDict
 
-from rs485bus.bus.job import Job, Outcome, Reason
 from rs485bus.bus.record import Record
+from rs485bus.bus.schedule.job import Job, Outcome, Reason
 from rs485bus.errors import (
     BusClosed,
     DeviceOffline,

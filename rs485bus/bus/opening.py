@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from rs485bus.arguments import instance
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.stopping import Halted
+from rs485bus.bus.stopping.halt import Halted
 from rs485bus.errors import StopUnconfirmed
 from rs485bus.transport.interface import Transport
 from rs485bus.transport.serial import SerialTransport

@@ -9,20 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from rs485bus.bus.clockwork import Clockwork
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.exchange import Kind, Received
-from rs485bus.bus.feeder import next_feed
-from rs485bus.bus.feeding import Feeding, Watch
-from rs485bus.bus.gate import Gate
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.motion import NEVER, Motion
-from rs485bus.bus.pair import Pair
-from rs485bus.bus.queue import GONE, Queue
+from rs485bus.bus.line.serial_line import SerialLine
+from rs485bus.bus.line.transaction import Kind, Received
 from rs485bus.bus.record import Journal
-from rs485bus.bus.starts import Starts
-from rs485bus.bus.station import Station, Stations
-from rs485bus.bus.stopping import Halt, Procedure
+from rs485bus.bus.schedule.admission import AdmissionControl
+from rs485bus.bus.schedule.burst_scheduler import BurstScheduler
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.queue import GONE, Queue
+from rs485bus.bus.schedule.scheduler import Scheduler
+from rs485bus.bus.stopping.halt import Halt, Procedure
+from rs485bus.bus.units.motion import NEVER, Motion
+from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.watchdog.feeder import next_feed
+from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 from rs485bus.wire.timing import LineSettings
@@ -51,17 +51,17 @@ class Owner:
         """When the frame that `tick` returned is to be sent."""
         self.journal = Journal()
         self.feeding = Feeding()
-        self.stations = Stations(not gateway, config.reply_timeout, config.late_reply_window)
-        self.gate = Gate(line, self.stations, self.feeding)
+        self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window)
+        self.gate = AdmissionControl(line, self.units, self.feeding)
         silence = config.tcp_gap if gateway else line.t35
-        self.pair = Pair(line, silence, None if config.echo == "auto" else config.echo, now)
+        self.pair = SerialLine(line, silence, None if config.echo == "auto" else config.echo, now)
         self._queue = Queue()
-        self.starts = Starts(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
+        self.starts = BurstScheduler(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
         self._turnaround_until = NEVER
         self._wake = FOREVER
         self._lead = 0.0
         self._after_stops: list[Callable[[], None]] = []
-        self._clockwork = Clockwork(lambda job: self.submit(job, self.now), now)
+        self._clockwork = Scheduler(lambda job: self.submit(job, self.now), now)
 
     @property
     def wake(self) -> float:
@@ -93,7 +93,7 @@ class Owner:
     def cancel(self, job: Job, now: float) -> None:
         """The caller has gone. What was not sent never will be; what is on the wire is finished, not repeated."""
         self.now = now
-        job.deserted = True
+        job.caller_cancelled = True
         self._give_up(job, Reason.CANCELLED)
 
     def at(self, when: float, callback: Callable[[], None]) -> None:
@@ -155,22 +155,22 @@ class Owner:
         if self.pair.job is not None:
             self._unanswered("lost")
         self._flush(self._queue, lambda job: job.moves and not job.internal, Reason.UNPLUGGED)
-        for station in self.stations:
-            watch = self.feeding.get(station.address)
+        for unit in self.units:
+            watch = self.feeding.get(unit.address)
             if watch is not None:
                 self.trip(watch, "the port was lost")
-            elif station.attached is not None:
-                station.attached.motion.stop()
-                station.attached.interrupted(0.0, "the port was lost")
+            elif unit.attached is not None:
+                unit.attached.motion.stop()
+                unit.attached.interrupted(0.0, "the port was lost")
 
     def plugged(self, now: float) -> None:
         """The port is there again. The first frames are stops, for all that may be moving."""
         self.now = now
         self.gate.connected = True
         self.pair.restart(now)
-        for station in self.stations:
-            if station.attached is not None and station.attached.motion.may_move:
-                self.halt(station, station.attached.motion, emergency=True)
+        for unit in self.units:
+            if unit.attached is not None and unit.attached.motion.may_move:
+                self.halt(unit, unit.attached.motion, emergency=True)
 
     def close(self, now: float) -> None:
         """End everything that waits."""
@@ -185,39 +185,41 @@ class Owner:
     # Stopping
 
     def halt(
-        self, station: Station, motion: Motion, *, emergency: bool, frames: tuple[Request, ...] | None = None
+        self, unit: UnitState, motion: Motion, *, emergency: bool, frames: tuple[Request, ...] | None = None
     ) -> Halt:
         """Stop a device, or the part of it named, until it is seen standing. Nothing older that moves it follows."""
-        attached, halt = station.attached, station.halt
+        attached, halt = unit.attached, unit.halt
         assert attached is not None
         motion.stop()
         if halt is None:
-            halt = station.halt = Halt(attached, motion, emergency, frames)
-            self.start(halt.run(station.late, lambda _: self._left_alone(station)), lambda _: self._stands(station))
+            halt = unit.halt = Halt(attached, motion, emergency, frames)
+            self.start(halt.run(unit.late, lambda _: self._left_alone(unit)), lambda _: self._stands(unit))
         else:
             for request in halt.again(motion, emergency):
-                self.submit(Job(request, urgency=Urgency.STOP, tolerant=True, internal=True, retries=0), self.now)
+                self.submit(
+                    Job(request, urgency=Urgency.STOP, ignores_late_replies=True, internal=True, retries=0), self.now
+                )
         # The stops are queued by now; and only this device's jobs are looked at, lest a long queue hold them up.
-        self._flush(self._queue.of(station.address), lambda job: job.is_stale, Reason.STOPPED)
+        self._flush(self._queue.of(unit.address), lambda job: job.is_stale, Reason.STOPPED)
         return halt
 
-    def muzzle(self, station: Station) -> None:
+    def stops_only(self, unit: UnitState) -> None:
         """Nothing but stops to this device until it stands: neither polls nor feeds."""
-        station.muzzled = True
-        self.feeding.mute(station.address)
+        unit.is_stops_only = True
+        self.feeding.mute(unit.address)
 
-    def trip(self, watch: Watch, reason: str) -> None:
+    def trip(self, watch: ArmedWatchdog, reason: str) -> None:
         """The device may have been stopped by its watchdog: it moves only after it was armed again."""
         self.feeding.disarm(watch.address)
-        station = self.stations[watch.address]
-        attached = station.attached
+        unit = self.units[watch.address]
+        attached = unit.attached
         assert attached is not None
-        station.locked = f"its watchdog may have stopped it: {reason}"
-        station.rearm = watch.timeout
+        unit.locked = f"its watchdog may have stopped it: {reason}"
+        unit.rearm = watch.timeout
         attached.motion.stop()
         self._flush(self._queue.of(watch.address), lambda job: job.is_stale, Reason.LOCKED)
         if attached.motion.may_move:
-            self.halt(station, attached.motion, emergency=True)
+            self.halt(unit, attached.motion, emergency=True)
         attached.interrupted(self.now - watch.heard_at, reason)
 
     def flush(self, reason: Reason) -> None:
@@ -229,21 +231,21 @@ class Owner:
         for callback in callbacks:
             callback()
 
-    def _stands(self, station: Station) -> None:
-        assert station.halt is not None
-        station.halt.motion.stands(self.now)
-        station.halt = None
-        station.muzzled = False
-        self.feeding.unmute(station.address)
+    def _stands(self, unit: UnitState) -> None:
+        assert unit.halt is not None
+        unit.halt.motion.stands(self.now)
+        unit.halt = None
+        unit.is_stops_only = False
+        self.feeding.unmute(unit.address)
 
-    def _left_alone(self, station: Station) -> float:
+    def _left_alone(self, unit: UnitState) -> float:
         """Until when a device is left alone that three stops did not bring to a stand."""
-        watch = self.feeding.get(station.address)
-        if watch is None or not station.muzzled:
-            return self.stations.listening.free_at(self.now)
+        watch = self.feeding.get(unit.address)
+        if watch is None or not unit.is_stops_only:
+            return self.units.listening.free_at(self.now)
         # Its own watchdog is the last defence: no frame may feed it.
-        station.silent_until = self.now + watch.timeout
-        return station.silent_until
+        unit.silent_until = self.now + watch.timeout
+        return unit.silent_until
 
     # What goes next
 
@@ -255,7 +257,7 @@ class Owner:
         """When something may go, if nothing is out. What somebody waits for is made ready while the line is quiet."""
         if self._queue.size:
             return self.pair.quiet_at - self._lead
-        return max(self.pair.quiet_at, min(self.feeding.next_at(self.now), self.stations.to_probe_at(self.now)))
+        return max(self.pair.quiet_at, min(self.feeding.next_at(self.now), self.units.to_probe_at(self.now)))
 
     def _choose(self) -> tuple[Job | None, float]:
         """The job that goes next or, if there is none, when to look again."""
@@ -273,13 +275,13 @@ class Owner:
                 return job, again
             wake = min(wake, again)
         if watch is not None:
-            return next_feed(watch, self._queue, self.stations, self._admit, self.now), wake
+            return next_feed(watch, self._queue, self.units, self._admit, self.now), wake
         wake = min(wake, self.feeding.look_at)
         job, again = self._queue.take(self._admit, _SOON)
         if job is not None or kept:
             return job, min(wake, again)
         # Looking for lost units is rationed; what is due of it is not put off by traffic.
-        lost = self.stations.to_probe(self.now)
+        lost = self.units.to_probe(self.now)
         if lost is not None:
             return self._look_for(lost), wake
         wake = min(wake, again)
@@ -288,13 +290,13 @@ class Owner:
             return job, again
         watch = self.feeding.soon(self.now)
         if watch is not None:
-            return next_feed(watch, self._queue, self.stations, self._admit, self.now), wake
-        wake = min(wake, again, self.stations.to_probe_at(self.now))
+            return next_feed(watch, self._queue, self.units, self._admit, self.now), wake
+        wake = min(wake, again, self.units.to_probe_at(self.now))
         if not self.gate.settled:
             # Only writes wait, and they wait for a read: nobody answers that with its own bytes.
             writing = next((job for job in self._queue if job.request.writes), None)
             if writing is not None:
-                return self._look_for(self.stations[writing.address or 1]), wake
+                return self._look_for(self.units[writing.address or 1]), wake
         return None, wake
 
     def _admit(self, job: Job) -> float:
@@ -304,10 +306,10 @@ class Owner:
             return GONE
         return self.gate.wait(job, self.now)
 
-    def _look_for(self, station: Station) -> Job:
+    def _look_for(self, unit: UnitState) -> Job:
         """A read that only asks whether anybody answers."""
-        request = station.harmless_read()
-        return Job(request, urgency=Urgency.POLL, tolerant=True, internal=True, retries=0)
+        request = unit.harmless_read()
+        return Job(request, urgency=Urgency.POLL, ignores_late_replies=True, internal=True, retries=0)
 
     # One transaction
 
@@ -317,9 +319,9 @@ class Owner:
         job.sent_at = start
         if job.moves and job.motion is not None:
             job.motion.commanded(start)
-        station = self.stations[job.address]
-        timeout = station.reply_timeout if job.reply_timeout is None else job.reply_timeout
-        self.pair.begin(job, start, timeout, self.stations.late(self.now))
+        unit = self.units[job.address]
+        timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
+        self.pair.begin(job, start, timeout, self.units.late(self.now))
         if job.is_broadcast:
             sent = self.pair.quiet_at - self.pair.silence
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
@@ -327,69 +329,69 @@ class Owner:
             self._note(job, b"", "broadcast", sent)
             self.at(over, lambda: self._end(job, Outcome.REPLY))
         elif not job.request.writes:
-            station.last_read = job.request
+            unit.last_read = job.request
         return job.request.adu
 
     def _take(self, received: Received) -> None:
         kind, request, frame = received
-        station = self.stations[request.address]
+        unit = self.units[request.address]
         if kind is Kind.LATE_EXCEPTION:
-            self.journal.unit(station.address).late_replies += 1
-            station.late.excepted(request.function)
+            self.journal.unit(unit.address).late_replies += 1
+            unit.late.excepted(request.function)
         elif kind is Kind.LATE:
             # It is delivered to nobody; but whoever answers late is there, and heard what was asked then.
-            self.journal.unit(station.address).late_replies += 1
-            self.stations.answered(station)
-            if (since := station.late.arrived(request)) is not None:
-                self.feeding.heard(station.address, since)
+            self.journal.unit(unit.address).late_replies += 1
+            self.units.answered(unit)
+            if (since := unit.late.arrived(request)) is not None:
+                self.feeding.heard(unit.address, since)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
-            station.late.expire(self.now)
-            hidden = (kind is Kind.EXCEPTION and station.late.hides_exception(job)) or (
-                kind is Kind.REFUSAL and station.late.hides_refusal(job)
+            unit.late.expire(self.now)
+            hidden = (kind is Kind.EXCEPTION and unit.late.hides_exception(job)) or (
+                kind is Kind.REFUSAL and unit.late.hides_refusal(job)
             )
             if not hidden:
-                self._answered(job, station, kind, frame)
+                self._answered(job, unit, kind, frame)
 
-    def _answered(self, job: Job, station: Station, kind: Kind, frame: bytes) -> None:
-        since = station.late.answered(job, self.pair.deadline + station.late_reply_window)
+    def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
+        since = unit.late.answered(job, self.pair.deadline + unit.late_reply_window)
         job.answered_since = since
         job.reply = frame
         job.code = frame[2] if kind is Kind.EXCEPTION else None
-        self.stations.answered(station)
+        self.units.answered(unit)
         self._note(job, frame, "reply" if kind is Kind.NORMAL else "refused", self.now)
         self.pair.exchange.settle()
-        self.pair.end(self.stations.late(self.now))
+        self.pair.end(self.units.late(self.now))
         if kind is not Kind.NORMAL:
             self._fed_nothing(job)
             # An unanswered attempt before this one may have done what this one was refused.
             unknown = job.unanswered and job.request.writes
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED)
             return
-        self.feeding.heard(station.address, since)
+        self.feeding.heard(unit.address, since)
         if job.feeds:
-            self.feeding.fed(station.address, self.now - job.sent_at + self.pair.silence)
-        if station.attached is not None and job.internal and since == job.sent_at:
-            station.attached.told(job.request, frame, since)
+            self.feeding.fed(unit.address, self.now - job.sent_at + self.pair.silence)
+        if unit.attached is not None and job.internal and since == job.sent_at:
+            unit.attached.told(job.request, frame, since)
         self._end(job, Outcome.REPLY)
 
     def _unanswered(self, how: str) -> None:
         """The attempt on the wire got no reply: its time is over, a stop cut it short, or the port was lost."""
         job = self.pair.job
         assert job is not None
-        station = self.stations[job.address]
+        unit = self.units[job.address]
         job.unanswered += 1
-        self.stations.owes(station, job, max(self.pair.deadline, self.now))
+        self.units.owes(unit, job, max(self.pair.deadline, self.now))
         self._note(job, b"", how, self.now)
         if how == "no reply":
             self.pair.exchange.settle()
-            self.stations.unanswered(station, job, self.now)
-        self.pair.end(self.stations.late(self.now))
+            self.units.unanswered(unit, job, self.now)
+        self.pair.end(self.units.late(self.now))
         self._fed_nothing(job)
-        if how != "lost" and self._may_repeat(job) and not station.reach.silent:
+        if how != "lost" and self._may_repeat(job) and not unit.reach.silent:
             self._queue.put(job, first=True)
             return
         if how == "no reply" and not job.internal:
-            self.stations.missed(station, self.now, self.config.offline_after)
+            self.units.missed(unit, self.now, self.config.offline_after)
         safe = job.repeat is Repeat.SAFE or not job.request.writes
         reason = Reason.UNPLUGGED if how == "lost" else Reason.NONE
         self._end(job, Outcome.NO_REPLY if safe else Outcome.UNKNOWN, reason)
@@ -404,7 +406,7 @@ class Owner:
         retries = self.config.retries if job.retries is None else job.retries
         expired = job.expires_at is not None and job.expires_at <= self.now
         is_safe = job.repeat is Repeat.SAFE and job.slot is None
-        return is_safe and job.attempts <= retries and not job.deserted and not expired
+        return is_safe and job.attempts <= retries and not job.caller_cancelled and not expired
 
     # How jobs end
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from rs485bus.bus.job import Urgency
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.wire.timing import LineSettings
 
 _log = logging.getLogger("rs485bus")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Awaitable, Sequence
 
 from rs485bus.arguments import choice, real
-from rs485bus.bus.job import Urgency
-from rs485bus.bus.motion import Motion
-from rs485bus.bus.shell import Shell
+from rs485bus.bus.protocol import BusProtocol
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.units.motion import Motion
 from rs485bus.errors import BroadcastConflict, OutcomeUnknown
 from rs485bus.wire.frames import (
     BROADCAST,
@@ -33,7 +33,7 @@ class Unit:
     type.
     """
 
-    def __init__(self, bus: Shell, address: int) -> None:
+    def __init__(self, bus: BusProtocol, address: int) -> None:
         self._bus = bus
         self.address = unit_address(address)
 
@@ -128,7 +128,7 @@ class Broadcast:
         bus: the bus.
     """
 
-    def __init__(self, bus: Shell) -> None:
+    def __init__(self, bus: BusProtocol) -> None:
         self._bus = bus
 
     async def write_register(self, address: int, value: int, *, family: str | None = None) -> None:

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rs485bus import Bus, MksServo, Move, open_bus
-from rs485bus.bus.watch import WatchReport
+from rs485bus.bus.watchdog.guard import WatchReport
 from rs485bus.sim import Machine, SimMks, VirtualLine
 from rs485bus.transport.interface import Transport
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rs485bus.arguments import flag, pair, positive, real, whole
-from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.bus.motion import Motion
-from rs485bus.bus.watch import Watchdog
+from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.motion import Motion
+from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.devices.conduct import Conduct
 from rs485bus.devices.joint import Company, JointMove
 from rs485bus.devices.move import Move
@@ -67,7 +67,7 @@ class Axis(Conduct):
     def __init__(
         self,
         bus: Bus,
-        attached: Attached,
+        attached: DeviceAdapter,
         motion: Motion,
         name: str,
         *,
@@ -171,7 +171,7 @@ class Axis(Conduct):
         """Stop as fast as the drive can, see that it stands, and drop what is queued."""
         return self._stop_now(emergency=True)
 
-    def watchdog(self, timeout: float, *, lease: float | None = None) -> Watchdog:
+    def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:
         """Guard the axis by its drive's own watchdog while a block runs. As `Bus.watchdog`."""
         return self.bus.watchdog(self, timeout=timeout, lease=lease)
 

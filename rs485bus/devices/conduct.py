@@ -11,8 +11,8 @@ from collections.abc import Awaitable, Callable
 
 import anyio
 
-from rs485bus.bus.burst import Slot
-from rs485bus.bus.watch import admit_and_arm
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.watchdog.guard import admit_and_arm
 from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.devices.pace import Pace
@@ -66,7 +66,7 @@ class Conduct(Travel):
         """Tell the drive all of a move that it can be told before it starts. Nothing moves by it."""
 
     @abstractmethod
-    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+    async def _send_start(self, target: int, pace: Pace, slot: BurstSlot | None) -> None:
         """Start the move that was written ahead, by one frame: at once, or when it is its turn. Raises
         `OutcomeUnknown` if nobody knows whether it started."""
 
@@ -267,17 +267,17 @@ class Conduct(Travel):
     # Enabling
 
     async def _carry_out_enable(self) -> None:
-        station = self.bus.owner.stations[self.attached.address]
-        if station.lapsed:
-            raise RearmRequired(f"{self.name} was stopped because {station.locked}: renew() the lease, then enable().")
+        unit = self.bus.owner.units[self.attached.address]
+        if unit.lapsed:
+            raise RearmRequired(f"{self.name} was stopped because {unit.locked}: renew() the lease, then enable().")
         stood = None if self.motion.may_move else self._seen
-        if station.locked or self._blocked or station.halt is not None:
+        if unit.locked or self._blocked or unit.halt is not None:
             halted = await self._halted(self._halt(emergency=True, motion=self.attached.motion))
             if not halted.standing:
                 raise self._unconfirmed()
-            station.locked = self._blocked = ""
-            if station.rearm is not None:
-                await self._rearm(station.rearm)
+            unit.locked = self._blocked = ""
+            if unit.rearm is not None:
+                await self._rearm(unit.rearm)
         await self._set_up()
         if self._enabled is None and await self._turns():
             # Another program left it turning.

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import anyio
 
-from rs485bus.bus.attached import Attached
-from rs485bus.bus.burst import Burst, Slot
 from rs485bus.bus.bus import Bus
+from rs485bus.bus.schedule.burst import Burst, BurstSlot
+from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.devices.axis import Axis, Goal
 from rs485bus.devices.joint import Course
 from rs485bus.devices.meeting import Meeting
@@ -139,14 +139,14 @@ class Formation:
 
     async def _plan(self, ways: dict[str, tuple[float, int]]) -> dict[str, Course]:
         """How fast each goes, so that all arrive at one time, though they start one after the other."""
-        frames: dict[Attached, tuple[Bus, Request]] = {}
+        frames: dict[DeviceAdapter, tuple[Bus, Request]] = {}
         for name, axis in self._axes.items():
             turns, target = ways[name]
             frame = axis.start_frame(target, quickest(axis, self._wish.highest(axis)))
             frames.setdefault(axis.attached, (axis.bus, frame))
         late = _starts(frames)
         burst = Burst(len(frames))
-        slots = {device: Slot(burst, place) for place, device in enumerate(frames)}
+        slots = {device: BurstSlot(burst, place) for place, device in enumerate(frames)}
         needed = []
         for name, axis in self._axes.items():
             turns, _ = ways[name]
@@ -211,9 +211,9 @@ class Formation:
         self._tell_failed(who, error)
 
 
-def _starts(frames: Mapping[Attached, tuple[Bus, Request]]) -> dict[Attached, float]:
+def _starts(frames: Mapping[DeviceAdapter, tuple[Bus, Request]]) -> dict[DeviceAdapter, float]:
     """When each device will start, in seconds after the first frame of the burst begins."""
-    late: dict[Attached, float] = {}
+    late: dict[DeviceAdapter, float] = {}
     for bus in {bus for bus, _ in frames.values()}:
         devices = [device for device, (its, _) in frames.items() if its is bus]
         late.update(zip(devices, bus.heard_after([frames[device][1] for device in devices]), strict=True))

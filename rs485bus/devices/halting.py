@@ -7,11 +7,11 @@ import logging
 from abc import ABC, abstractmethod
 from typing import Any
 
-from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle, settle
-from rs485bus.bus.motion import Motion
-from rs485bus.bus.stopping import Halted
+from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.joint import JointMove
 from rs485bus.devices.orders import Orders
 from rs485bus.errors import BusClosed, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
@@ -29,7 +29,7 @@ class Halting(ABC):
         name: the axis, in messages.
     """
 
-    def __init__(self, bus: Bus, attached: Attached, motion: Motion, name: str) -> None:
+    def __init__(self, bus: Bus, attached: DeviceAdapter, motion: Motion, name: str) -> None:
         self.bus = bus
         self.attached = attached
         self.motion = motion
@@ -115,7 +115,7 @@ class Halting(ABC):
 
     def stop_if_moving(self) -> None:
         """Stop it, where it may move and is not being stopped already."""
-        halt = self.bus.owner.stations[self.attached.address].halt
+        halt = self.bus.owner.units[self.attached.address].halt
         stopping = halt is not None and halt.motion in (self.motion, self.attached.motion)
         if self.motion.may_move and self.bus.connected and not stopping:
             self._begin_stop(emergency=False)
@@ -139,7 +139,7 @@ class Halting(ABC):
 
     def _was_interrupted(self, unheard: float, reason: str) -> None:
         """The bus stopped the drive for safety, or lost it."""
-        if self.bus.owner.stations[self.attached.address].locked:
+        if self.bus.owner.units[self.attached.address].locked:
             self.interrupted(
                 RearmRequired(f"{self.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
             )
@@ -147,6 +147,6 @@ class Halting(ABC):
             self.interrupted(NotSent(f"{self.name}: {reason}. It is stopped as soon as the port is there again."))
 
     def _check_rearm(self) -> None:
-        locked = self.bus.owner.stations[self.attached.address].locked or self._blocked
+        locked = self.bus.owner.units[self.attached.address].locked or self._blocked
         if locked:
             raise RearmRequired(f"{self.name} moves only after enable(): {locked}.")

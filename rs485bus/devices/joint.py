@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple, Protocol
 
-from rs485bus.bus.burst import Slot
+from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.devices.move import Move, MoveState
 from rs485bus.devices.pace import Pace
 from rs485bus.profile import Profile
@@ -15,7 +15,7 @@ class Course(NamedTuple):
     """How fast one of those goes that start together, and when it starts."""
 
     pace: Pace
-    slot: Slot
+    slot: BurstSlot
 
 
 class Company(Protocol):

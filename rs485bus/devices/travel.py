@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import anyio
 
-from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.job import Urgency
-from rs485bus.bus.motion import Motion
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.halting import Halting
 from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move
@@ -47,7 +47,7 @@ class Travel(Halting):
     tells_restarts = False
     """Whether a restart of the drive is noticed by what it says afterwards, not by its position alone."""
 
-    def __init__(self, bus: Bus, attached: Attached, motion: Motion, name: str, tolerance: int) -> None:
+    def __init__(self, bus: Bus, attached: DeviceAdapter, motion: Motion, name: str, tolerance: int) -> None:
         super().__init__(bus, attached, motion, name)
         self.tolerance = tolerance
         self._commanded: int | None = None
@@ -125,7 +125,7 @@ class Travel(Halting):
 
     async def _answers(self) -> bool:
         """Whether its drive answers to something that need not wait for the late answer to something else."""
-        late = self.bus.owner.stations[self.attached.address].late
+        late = self.bus.owner.units[self.attached.address].late
         reads = self.attached.reads()
         request = next((read for read in reads if not late.must_wait(read)), reads[0])
         try:

@@ -17,7 +17,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.sim.device import ILLEGAL_ADDRESS, Refusal, SimDevice
 from rs485bus.sim.noise import Noise
 from rs485bus.sim.rig import Rig

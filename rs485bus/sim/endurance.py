@@ -23,7 +23,7 @@ from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.opening import open_bus
 from rs485bus.bus.record import Record
-from rs485bus.bus.watch import Watchdog
+from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.devices.mks import MksServo
 from rs485bus.devices.zlac import Zlac8015d
 from rs485bus.errors import BusError, NoReply, OutcomeUnknown
@@ -249,7 +249,7 @@ class Endurance:
             async with bus.watchdog(*axes, timeout=TIMEOUT) as watchdog:
                 await self._saturate(bus, drives, watchdog)
 
-    async def _saturate(self, bus: Bus, drives: list[Servo | Base], watchdog: Watchdog) -> None:
+    async def _saturate(self, bus: Bus, drives: list[Servo | Base], watchdog: WatchdogGuard) -> None:
         """Ask and move until the time is over and the last move has ended."""
         verdict = self._verdict
         before = {report.address: report for report in watchdog.report()}

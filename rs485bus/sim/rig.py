@@ -7,8 +7,8 @@ import itertools
 from collections.abc import Callable
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Job
 from rs485bus.bus.owner import Owner
+from rs485bus.bus.schedule.job import Job
 from rs485bus.sim.device import SimDevice
 from rs485bus.sim.line import VirtualPair
 from rs485bus.sim.noise import Noise

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 
-from rs485bus.bus.attached import Attached
-from rs485bus.bus.job import Job, Outcome
-from rs485bus.bus.stopping import Halt, Halted
+from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.bus.stopping.halt import Halt, Halted
+from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.attached import MksAttached
+from rs485bus.devices.mks.adapter import MksAttached
 from rs485bus.devices.mks.frames import write_block
 from rs485bus.sim import SimDevice, SimMks, SimUnit
 from rs485bus.sim.rig import Rig
@@ -69,7 +69,7 @@ class Drive:
         self.interruptions.append(reason)
 
     def attach(self, rig: Rig) -> None:
-        rig.owner.stations[self.address].attach(self.attached)
+        rig.owner.units[self.address].attach(self.attached)
 
     def start(self, rpm: int = 300, target: int = 10_000_000, code: int = 250) -> Request:
         """The frame of a long move."""
@@ -84,7 +84,7 @@ class Drive:
     def stop(self, rig: Rig, emergency: bool = True) -> Halt:
         """Have the owner stop it."""
         rig.owner.now = rig.now
-        halt = rig.owner.halt(rig.owner.stations[self.address], self.attached.motion, emergency=emergency)
+        halt = rig.owner.halt(rig.owner.units[self.address], self.attached.motion, emergency=emergency)
         halt.listen(self.halted.append)
         return halt
 
@@ -98,5 +98,5 @@ def drives(rig: Rig, count: int, **options: object) -> list[Drive]:
     return made
 
 
-def devices_of(rig: Rig) -> list[Attached]:
-    return [station.attached for station in rig.owner.stations if station.attached is not None]
+def devices_of(rig: Rig) -> list[DeviceAdapter]:
+    return [unit.attached for unit in rig.owner.units if unit.attached is not None]

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import pytest
 
-from rs485bus.bus.burst import Burst, Slot
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.guarding import admit_watchdogs, arm
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.burst import Burst, BurstSlot
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.watchdog.guarding import admit_watchdogs, arm
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read
 from rs485bus.sim import SimUnit
@@ -22,7 +22,7 @@ def is_start(frame: bytes) -> bool:
     return frame[1:4] == bytes((16, 0, r.MOVE_TO_COUNTS.address))
 
 
-def begin(rig: Rig, drive: Drive, slot: Slot) -> Job:
+def begin(rig: Rig, drive: Drive, slot: BurstSlot) -> Job:
     return rig.submit(
         drive.start(), repeat=r.MOVE_TO_COUNTS.repeat, moves=True, motion=drive.attached.motion, slot=slot
     )
@@ -31,7 +31,7 @@ def begin(rig: Rig, drive: Drive, slot: Slot) -> Job:
 def burst(rig: Rig, made: list[Drive]) -> list[Job]:
     """The starts of these drives, as one, the last one first."""
     one = Burst(len(made))
-    return [begin(rig, drive, Slot(one, place)) for place, drive in reversed(list(enumerate(made)))][::-1]
+    return [begin(rig, drive, BurstSlot(one, place)) for place, drive in reversed(list(enumerate(made)))][::-1]
 
 
 def deafen(drive: Drive, heard: Callable[[bytes], bool]) -> None:
@@ -72,12 +72,12 @@ def test_a_burst_does_not_begin_before_all_of_it_waits_and_keeps_nobody_from_the
     rig = Rig()
     made = drives(rig, 2)
     one = Burst(2)
-    first = begin(rig, made[0], Slot(one, 0))
+    first = begin(rig, made[0], BurstSlot(one, 0))
     asked = rig.submit(read(1, r.PULSES))
     rig.done(asked)
     rig.run(1.0)
     assert first.outcome is None
-    rig.done(first, begin(rig, made[1], Slot(one, 1)))
+    rig.done(first, begin(rig, made[1], BurstSlot(one, 1)))
     assert first.outcome is Outcome.REPLY
 
 
@@ -112,7 +112,7 @@ def test_a_stop_interrupts_a_burst_and_what_was_not_sent_of_it_never_is() -> Non
 def test_a_burst_of_which_one_may_not_go_does_not_begin() -> None:
     rig = Rig()
     made = drives(rig, 3)
-    rig.owner.stations[3].locked = "it was stopped for safety"
+    rig.owner.units[3].locked = "it was stopped for safety"
     starts = burst(rig, made)
     assert outcomes(starts) == [Outcome.NOT_SENT] * 3
     assert not any(is_start(frame) for _, frame in rig.sent)

@@ -3,7 +3,7 @@
 import pytest
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Outcome, Urgency
+from rs485bus.bus.schedule.job import Outcome, Urgency
 from rs485bus.sim import Noise, SimUnit
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding, registers, write_multiple, write_single
@@ -48,7 +48,7 @@ def test_nothing_is_written_until_it_is_settled() -> None:
 
 def test_a_stop_goes_out_before_that_is_settled() -> None:
     rig = Rig(SimUnit(1, BANK), config=AUTO)
-    stop = rig.submit(write_single(1, 3, 0), urgency=Urgency.STOP, tolerant=True)
+    stop = rig.submit(write_single(1, 3, 0), urgency=Urgency.STOP, ignores_late_replies=True)
     rig.done(stop)
     assert rig.sent[0][1] == stop.request.adu
 

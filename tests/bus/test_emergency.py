@@ -1,8 +1,8 @@
 """An emergency stop latches, flushes, stops everything, and says who stands."""
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.guarding import EmergencyReport, arm, emergency_stop
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.watchdog.guarding import EmergencyReport, arm, emergency_stop
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.sim import Noise, SimUnit

@@ -3,7 +3,7 @@
 import pytest
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Job, Outcome, Urgency
+from rs485bus.bus.schedule.job import Job, Outcome, Urgency
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read
 from rs485bus.sim import Noise, SimUnit

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.feeding import SHARE, Feeding, Watch, admit
-from rs485bus.bus.guarding import Lease, admit_watchdogs, arm, check_watchdog, release
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.stopping import Halted
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.watchdog.feeding import SHARE, ArmedWatchdog, Feeding, admit
+from rs485bus.bus.watchdog.guarding import Lease, admit_watchdogs, arm, check_watchdog, release
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.errors import LimitExceeded, WatchdogInfeasible
@@ -25,8 +25,8 @@ from tests.bus.test_stops import running
 QUICK = BusConfig(echo=False, reply_timeout=0.01)
 
 
-def watch(address: int, timeout: float = 1.0, heard_at: float = 0.0, cost: float = 0.005) -> Watch:
-    return Watch(address, timeout, cost, heard_at, armed_at=0.0)
+def watch(address: int, timeout: float = 1.0, heard_at: float = 0.0, cost: float = 0.005) -> ArmedWatchdog:
+    return ArmedWatchdog(address, timeout, cost, heard_at, armed_at=0.0)
 
 
 def feeds(rig: Rig, address: int) -> list[float]:

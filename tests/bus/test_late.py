@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rs485bus.bus.job import Job
-from rs485bus.bus.late import LateReplies
+from rs485bus.bus.line.pending import PendingReplies
+from rs485bus.bus.schedule.job import Job
 from rs485bus.wire.frames import Request, read_holding, read_input, write_multiple, write_single
 
 UNTIL = 10.0
@@ -16,8 +16,8 @@ def sent(request: Request, at: float) -> Job:
     return job
 
 
-def owing(*requests: Request, in_order: bool = True) -> LateReplies:
-    late = LateReplies(in_order)
+def owing(*requests: Request, in_order: bool = True) -> PendingReplies:
+    late = PendingReplies(in_order)
     for at, request in enumerate(requests):
         late.unanswered(sent(request, float(at)), UNTIL + at)
     return late
@@ -44,7 +44,7 @@ def test_a_write_of_what_a_hidden_refusal_looks_like_waits() -> None:
 
 
 def test_a_further_attempt_of_the_same_job_need_not_wait() -> None:
-    late = LateReplies()
+    late = PendingReplies()
     job = sent(read_holding(1, 0, 3), 0.0)
     late.unanswered(job, UNTIL)
     assert late.must_wait(job.request, job) == 0
@@ -64,7 +64,7 @@ def test_behind_a_gateway_it_does_not() -> None:
 
 
 def test_an_answer_to_a_repetition_proves_only_the_oldest_attempt_and_leaves_one_owed() -> None:
-    late = LateReplies()
+    late = PendingReplies()
     job = sent(read_holding(1, 0, 3), 0.0)
     late.unanswered(job, UNTIL)
     job.sent_at = 1.0
@@ -114,7 +114,7 @@ def test_whatever_happened_a_reply_that_may_still_come_is_never_taken_for_anothe
     history: list[tuple[Request, bool]], asked: Request
 ) -> None:
     """A device that answers in order, sometimes late: what it still owes is never the answer that `asked` would get."""
-    late, owed = LateReplies(), []
+    late, owed = PendingReplies(), []
     for at, (request, comes) in enumerate(history):
         if late.must_wait(request):
             continue

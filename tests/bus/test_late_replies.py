@@ -1,7 +1,7 @@
 """A late reply is never taken for the answer to something else."""
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Outcome, Urgency
+from rs485bus.bus.schedule.job import Outcome, Urgency
 from rs485bus.sim import SimUnit
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import crc, read_holding, read_input, registers, write_single
@@ -142,7 +142,7 @@ def test_a_stop_does_not_wait_for_what_is_owed() -> None:
     rig = Rig(Scripted(1, "lost"), config=ONCE)
     rig.done(rig.submit(write_single(1, 0, 0), repeat=Repeat.NEVER))
     start = rig.now
-    stop = rig.submit(write_single(1, 0, 0), urgency=Urgency.STOP, tolerant=True)
+    stop = rig.submit(write_single(1, 0, 0), urgency=Urgency.STOP, ignores_late_replies=True)
     rig.done(stop)
     assert rig.now - start < 0.01
 

@@ -3,8 +3,8 @@
 import pytest
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.reach import Listening, Reach
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.units.reachability import ProbeBudget, Reachability
 from rs485bus.sim import SimUnit
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding
@@ -109,7 +109,7 @@ def test_a_unit_that_comes_back_is_found_by_itself() -> None:
 
 
 def test_a_bad_line_does_not_make_a_unit_offline() -> None:
-    reach = Reach()
+    reach = Reachability()
     for at in range(1000):
         # Three attempts of a request are lost, and the next request is answered, again and again.
         for _ in range(3):
@@ -119,7 +119,7 @@ def test_a_bad_line_does_not_make_a_unit_offline() -> None:
 
 
 def test_the_account_drains_with_time() -> None:
-    listening = Listening()
+    listening = ProbeBudget()
     listening.spend(1.0, 0.0)
     assert listening.free_at(0.0) == pytest.approx((1.0 - 0.25) / 0.02)
     assert listening.free_at(100.0) == 100.0

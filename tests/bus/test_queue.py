@@ -5,8 +5,8 @@ from collections import defaultdict
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rs485bus.bus.job import Job, Urgency
-from rs485bus.bus.queue import GONE, READY, Queue
+from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.bus.schedule.queue import GONE, READY, Queue
 from rs485bus.wire.frames import read_holding
 
 urgencies = st.sampled_from(list(Urgency))

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.motion import Motion
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.devices.mks.values import Status
@@ -154,7 +154,7 @@ def test_a_dead_unit_that_is_waited_for_delays_a_stop_by_no_more_than_ten_millis
     assert next(at for at, frame in rig.sent if is_stop(frame)) - begun < 0.0102
     assert rig.pair.early_frames == 0
     assert dead.unanswered == 1
-    assert rig.owner.stations[9].late.must_wait(read_holding(9, 4, 1))
+    assert rig.owner.units[9].late.must_wait(read_holding(9, 4, 1))
 
 
 def test_a_frame_that_is_being_received_is_not_cut() -> None:
@@ -175,7 +175,7 @@ def test_a_stop_does_not_wait_until_an_offline_device_is_found() -> None:
     receive = drive.sim.receive
     drive.sim.receive = lambda frame, now: None  # type: ignore[method-assign]
     rig.done(*(rig.submit(read(1, r.PULSES)) for _ in range(4)))
-    assert rig.owner.stations[1].reach.offline
+    assert rig.owner.units[1].reach.offline
     drive.sim.receive = receive  # type: ignore[method-assign]
     begun = rig.now
     drive.stop(rig)
@@ -205,7 +205,7 @@ def test_a_device_that_is_left_alone_is_stopped_at_once_if_somebody_asks_for_it(
     receive = drive.sim.receive
     drive.sim.receive = lambda frame, now: None  # type: ignore[method-assign]
     rig.done(*(rig.submit(read(1, r.PULSES)) for _ in range(3)))
-    assert rig.owner.stations[1].reach.offline
+    assert rig.owner.units[1].reach.offline
     for _ in range(2):
         drive.stop(rig)
         rig.run(2.0)
@@ -336,7 +336,7 @@ def test_a_broadcast_neither_moves_what_is_locked_nor_overtakes_a_stop() -> None
     del first.sim._commands[STOP]
     first.sim.restart(rig.now)
     rig.done(waits)
-    assert rig.owner.stations[1].halt is None
-    rig.owner.stations[1].locked = "it was stopped for safety"
+    assert rig.owner.units[1].halt is None
+    rig.owner.units[1].locked = "it was stopped for safety"
     refused = rig.submit(write(0, r.ENABLE, 1), repeat=Repeat.NEVER, moves=True)
     assert (refused.outcome, refused.reason) == (Outcome.NOT_SENT, Reason.LOCKED)

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.motion import Motion
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.units.motion import Motion
 from rs485bus.sim import SimUnit
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import Request, crc, read_holding, registers, write_multiple, write_single

@@ -11,8 +11,8 @@ import pytest
 from rs485bus import MksServo, TlrStepper, open_bus
 from rs485bus.cli.serve import FAMILIES
 from rs485bus.sim import Machine, SimMks, VirtualLine
+from tests.integration.support import virtual
 from tests.real.support import in_real_time, posix, running
-from tests.shell.support import virtual
 
 COMMAND = (sys.executable, "-m", "rs485bus")
 

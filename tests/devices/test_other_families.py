@@ -8,7 +8,7 @@ import pytest
 from rs485bus import MksServo, TlrStepper, Zlac8015d, open_bus
 from rs485bus.errors import DeviceRefused
 from rs485bus.sim import SimMks, SimTlr, SimUnit, SimZlac, VirtualLine
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 ANSWERED: list[tuple[Callable[..., Any], str, Callable[..., Any]]] = [
     (MksServo, "MKS", SimZlac),

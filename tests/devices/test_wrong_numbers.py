@@ -12,7 +12,7 @@ from rs485bus.devices.axis import Axis
 from rs485bus.devices.tlr import Path
 from rs485bus.errors import LimitExceeded
 from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 VERBS: dict[str, Callable[[Axis, float], Awaitable[object]]] = {
     "move_to": lambda axis, value: axis.move_to(value),

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from rs485bus.bus.job import Outcome
+from rs485bus.bus.schedule.job import Outcome
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import current, native, read, write, write_block
 from rs485bus.devices.mks.values import (

@@ -134,7 +134,7 @@ def test_the_auxiliary_control() -> None:
 
 
 def test_the_switches_set_station_and_baud_rate() -> None:
-    assert [SimTlr(dip=Dip(station)).address for station in range(1, 16)] == list(range(1, 16))
+    assert [SimTlr(dip=Dip(unit)).address for unit in range(1, 16)] == list(range(1, 16))
     sim = SimTlr(77, dip=Dip(0, custom_baudrate=True, terminated=True))
     assert (sim.address, sim.baudrate) == (77, 115200)
     m = Master(sim)

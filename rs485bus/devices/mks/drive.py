@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 import anyio
 
 from rs485bus.arguments import choice
-from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.job import Urgency
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.axis import Axis
 from rs485bus.devices.mks import alarms
 from rs485bus.devices.mks import registers as r
+from rs485bus.devices.mks.adapter import FAMILY, MksAttached
 from rs485bus.devices.mks.alarms import hints
-from rs485bus.devices.mks.attached import FAMILY, MksAttached
 from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.devices.mks.values import Homed, Model, MotionDirection, Status, WorkMode
 from rs485bus.devices.move import Move
@@ -274,10 +274,10 @@ class MksDrive(Axis):
     async def _send(self, block: Block, *values: Any) -> None:
         await self._ask_to_move(write_block(self.address, block, *values), block)
 
-    async def _ask_to_move(self, request: Request, block: Block, slot: Slot | None = None) -> None:
+    async def _ask_to_move(self, request: Request, block: Block, slot: BurstSlot | None = None) -> None:
         await self.bus.ask(request, repeat=block.repeat, moves=True, motion=self.motion, slot=slot)
 
-    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+    async def _send_start(self, target: int, pace: Pace, slot: BurstSlot | None) -> None:
         # One frame says it all.
         self._plan_stop(r.MOVE_TO_COUNTS, (pace.ramp_code, 0, 0), pace)
         await self._ask_to_move(self.start_frame(target, pace), r.MOVE_TO_COUNTS, slot)

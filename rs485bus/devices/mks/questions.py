@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rs485bus.bus.job import Urgency
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.values import Homed, Inputs, Status

@@ -12,11 +12,11 @@ import anyio
 
 from rs485bus.bus.failure import failure
 from rs485bus.bus.handle import Handle, settle
-from rs485bus.bus.job import Job, Outcome
-from rs485bus.bus.stopping import Procedure
+from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.bus.stopping.halt import Procedure
 from rs485bus.devices.mks import registers as r
+from rs485bus.devices.mks.adapter import MksWatchdog
 from rs485bus.devices.mks.alarms import AFTER_CALIBRATION, AFTER_RESTART, STALLED, Alarm, hints
-from rs485bus.devices.mks.attached import MksWatchdog
 from rs485bus.devices.mks.frames import write, write_block
 from rs485bus.devices.mks.settings import MksProfile, check_outputs
 from rs485bus.devices.mks.setup import MksSetup

@@ -6,7 +6,7 @@ import math
 
 import anyio
 
-from rs485bus.bus.burst import Slot
+from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.devices.move import Move
 from rs485bus.devices.pace import Pace
 from rs485bus.devices.tlr import registers as r
@@ -36,7 +36,7 @@ class TlrDrive(TlrKnowledge):
         await self._clear()
         await self._put_target(target, pace)
 
-    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+    async def _send_start(self, target: int, pace: Pace, slot: BurstSlot | None) -> None:
         await self._trigger(_START, pace, slot)
         await self._see_it_start(target)
 
@@ -99,7 +99,7 @@ class TlrDrive(TlrKnowledge):
         if self.link.clear_trigger:
             await self.link.control(ControlWord.NONE)
 
-    async def _trigger(self, word: ControlWord, pace: Pace, slot: Slot | None = None) -> None:
+    async def _trigger(self, word: ControlWord, pace: Pace, slot: BurstSlot | None = None) -> None:
         self._drive.ramp_takes = pace.rpm / pace.acceleration
         await self.link.control(word, Repeat.VERIFY, slot)
 

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 from rs485bus.arguments import flag, whole
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.bus.job import Urgency
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.retarget import Retargeting
 from rs485bus.devices.tlr import registers as r
+from rs485bus.devices.tlr.adapter import FAMILY, TlrAttached
 from rs485bus.devices.tlr.alarms import alarm_of
-from rs485bus.devices.tlr.attached import FAMILY, TlrAttached
 from rs485bus.devices.tlr.link import Link
 from rs485bus.devices.tlr.telemetry import Report
 from rs485bus.devices.tlr.values import DiFunction, StatusWord

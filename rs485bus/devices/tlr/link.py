@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 from typing import Any, TypeVar
 
-from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.job import Urgency
-from rs485bus.devices.tlr.attached import FAMILY, TlrAttached
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.devices.tlr.adapter import FAMILY, TlrAttached
 from rs485bus.devices.tlr.frames import auxiliary, control, words, write
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord, ExceptionCode
 from rs485bus.errors import DeviceRefused, NoReply
@@ -89,7 +89,7 @@ class Link:
                 address=self._address,
             )
 
-    async def control(self, word: ControlWord, repeat: Repeat = Repeat.SAFE, slot: Slot | None = None) -> None:
+    async def control(self, word: ControlWord, repeat: Repeat = Repeat.SAFE, slot: BurstSlot | None = None) -> None:
         """Write the control word, at once or when it is its turn. A stop drops it while it waits."""
         attached = self._attached
         await self._ask(control(self._address, word), repeat=repeat, moves=True, slot=slot)
@@ -115,7 +115,7 @@ class Link:
         urgency: Urgency = Urgency.COMMAND,
         repeat: Repeat = Repeat.SAFE,
         moves: bool = False,
-        slot: Slot | None = None,
+        slot: BurstSlot | None = None,
     ) -> bytes:
         motion = self._attached.motion if moves else None
         try:

@@ -73,13 +73,13 @@ class TlrSettings(TlrDrive):
 
     # The line. The DIP switches must allow for it: SW1 to SW4 off for the station, SW5 on for the baud rate.
 
-    def set_station(self, station: int) -> Handle[None]:
+    def set_station(self, unit: int) -> Handle[None]:
         """Its address while SW1 to SW4 are off: 1..247 (the manual has 0 to 254; Modbus ends at 247).
 
         Whether it counts at once or after `save()` and a power cycle is not said. Make a new `TlrStepper` for it then.
         If the answer is lost, `OutcomeUnknown` is raised: ask for it at both addresses.
         """
-        return self._reach_by(r.STATION, whole("station", station, 1, MAX_ADDRESS))
+        return self._reach_by(r.STATION, whole("station", unit, 1, MAX_ADDRESS))
 
     def set_baudrate(self, baudrate: BaudRate) -> Handle[None]:
         """Its baud rate while SW5 is on. When it counts is not said, as for `set_station`; open the bus at it then."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rs485bus.arguments import flag, positive
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.bus.job import Urgency
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.alarms import Alarm, alarm_of
 from rs485bus.devices.tlr.homing import TlrHoming

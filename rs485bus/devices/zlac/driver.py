@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
 from rs485bus.arguments import flag, positive, whole
-from rs485bus.bus.burst import Slot
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.job import Urgency
-from rs485bus.bus.motion import Motion
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.zlac import registers as r
-from rs485bus.devices.zlac.attached import FAMILY, ZlacAttached
+from rs485bus.devices.zlac.adapter import FAMILY, ZlacAttached
 from rs485bus.devices.zlac.frames import read, write, write_twins
 from rs485bus.devices.zlac.telemetry import Snapshot, snapshot
 from rs485bus.devices.zlac.values import Side, Synchrony
@@ -97,7 +97,7 @@ class ZlacDriver:
         repeat: Repeat = Repeat.SAFE,
         moves: bool = False,
         motion: Motion | None = None,
-        slot: Slot | None = None,
+        slot: BurstSlot | None = None,
     ) -> bytes:
         """Send a request. A drive that does not answer may have restarted: it is set up again before what follows."""
         try:
@@ -132,7 +132,7 @@ class ZlacDriver:
 
     async def _ask_sample(self, urgency: Urgency) -> Snapshot:
         at = self.bus.now()
-        late = self.bus.owner.stations[self.attached.address].late
+        late = self.bus.owner.units[self.attached.address].late
         late.expire(at)
         # After a lost reply an equal request waits, lest it be answered late. One that reads a little more need not.
         request = next((request for request in self._samples if not late.must_wait(request)), self._samples[0])

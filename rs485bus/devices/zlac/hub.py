@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 import anyio
 
 from rs485bus.bus.handle import Handle
-from rs485bus.bus.job import Urgency
-from rs485bus.bus.motion import Motion
-from rs485bus.bus.stopping import Halted
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.axis import Axis
 from rs485bus.devices.pace import Pace
 from rs485bus.devices.travel import Look

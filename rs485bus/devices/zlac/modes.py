@@ -13,10 +13,10 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from rs485bus.bus.burst import Slot
 from rs485bus.bus.handle import Handle, settle
-from rs485bus.bus.motion import Motion
-from rs485bus.bus.stopping import Halted
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.driver import ZlacDriver
 from rs485bus.devices.zlac.frames import control, write, write_twins
@@ -201,10 +201,10 @@ class ZlacModes:
 
     async def resume(self) -> bool:
         """Enable it again after a controlled stop that only an emergency stop could make. Whether that was needed."""
-        station = self.driver.bus.owner.stations[self.driver.attached.address]
-        if station.halt is not None:
+        unit = self.driver.bus.owner.units[self.driver.attached.address]
+        if unit.halt is not None:
             halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
-            station.halt.listen(lambda ended: settle(halted, ended))
+            unit.halt.listen(lambda ended: settle(halted, ended))
             if not (await halted).standing:
                 raise StopUnconfirmed(f"{self.driver.name} was told to stop and could not be seen standing.")
         resumes = self.paused
@@ -313,7 +313,7 @@ class ZlacModes:
         counts = {side: target.counts - target.start * relative for side, target in wanted.items()}
         await driver.ask(self._targets(r.TARGET_POSITION, counts), motion=self._motion(wanted))
 
-    async def launch(self, wheels: Collection[Side], slot: Slot | None) -> None:
+    async def launch(self, wheels: Collection[Side], slot: BurstSlot | None) -> None:
         """Start wheels that were told where to go. Raises `OutcomeUnknown` if nobody knows whether they started."""
         driver, request = self.driver, self.start_frame(wheels)
         self.told_at.update(dict.fromkeys(wheels, driver.bus.now()))

@@ -7,7 +7,7 @@ import asyncio
 import logging
 from dataclasses import dataclass
 
-from rs485bus.bus.watch import admit_and_arm
+from rs485bus.bus.watchdog.guard import admit_and_arm
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.driver import ZlacDriver
 from rs485bus.devices.zlac.values import Brake, ControlMode, PowerOnShaft, Side, Synchrony

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rs485bus.bus.job import Urgency
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.driver import ZlacDriver
 from rs485bus.devices.zlac.hub import HubMotor

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 import anyio
 
-from rs485bus.bus.burst import Slot
 from rs485bus.bus.handle import Handle
+from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.devices.axis import Axis, Goal
 from rs485bus.devices.joint import JointMove
 from rs485bus.devices.move import Move, MoveState
@@ -244,7 +244,7 @@ class ZlacWheel(HubMotor):
     async def _write_ahead(self, target: int, pace: Pace) -> None:
         await self._act(Target(target, self._from, round(pace.rpm), pace.ramp_code), self.modes.aim)
 
-    async def _send_start(self, target: int, pace: Pace, slot: Slot | None) -> None:
+    async def _send_start(self, target: int, pace: Pace, slot: BurstSlot | None) -> None:
         await self._start(None, lambda wheels: self.modes.launch(wheels, slot))
 
     def start_frame(self, target: int, pace: Pace) -> Request:
@@ -284,8 +284,8 @@ class ZlacWheel(HubMotor):
             self._blocked = self._blocked or self.other._blocked
             if not self.modes.ready and not self.modes.busy:
                 self.driver.known = False  # it may have been switched off and on
-            station = self.bus.owner.stations[self.attached.address]
-            if not (self._blocked or station.locked or station.halt):
+            unit = self.bus.owner.units[self.attached.address]
+            if not (self._blocked or unit.locked or unit.halt):
                 await self._stop_what_others_began()
             await super()._carry_out_enable()
             self.other._blocked = ""

@@ -7,15 +7,15 @@ from collections.abc import Awaitable, Callable
 from typing import Literal, TypeVar
 
 from rs485bus.arguments import flag, pair
-from rs485bus.bus.attached import Attached
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.bus.job import Urgency
-from rs485bus.bus.stopping import Halted
-from rs485bus.bus.watch import Watchdog
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.devices.move import Move
 from rs485bus.devices.zlac import registers as r
-from rs485bus.devices.zlac.attached import ZlacAttached
+from rs485bus.devices.zlac.adapter import ZlacAttached
 from rs485bus.devices.zlac.driver import ZlacDriver, ZlacOptions
 from rs485bus.devices.zlac.frames import MAX_ADDRESS
 from rs485bus.devices.zlac.modes import ZlacModes
@@ -99,7 +99,7 @@ class Zlac8015d:
             interrupted=self._was_interrupted,
             quick_stopped=self._quick_stopped,
         )
-        self.attached: Attached = attached
+        self.attached: DeviceAdapter = attached
         options = ZlacOptions(
             max_rpm=max_rpm,
             encoder_lines=encoder_lines,
@@ -245,7 +245,7 @@ class Zlac8015d:
             f"set {register.name}", lambda: write_parameter(self._driver, register, value, save), standing=False
         )
 
-    def watchdog(self, timeout: float, *, lease: float | None = None) -> Watchdog:
+    def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:
         """Guard both wheels by the drive's own watchdog while a block runs. As `Bus.watchdog`."""
         return self.bus.watchdog(self, timeout=timeout, lease=lease)
 
@@ -355,7 +355,7 @@ class Zlac8015d:
     @property
     def _keeps_speed(self) -> bool:
         """Whether a wheel goes on turning though nobody waits for it who could notice a fault."""
-        stopping = self.bus.owner.stations[self.address].halt is not None
+        stopping = self.bus.owner.units[self.address].halt is not None
         return not stopping and any(self._modes.keeps(side) for side in Side)
 
     async def _stop_for_fault(self) -> None:
@@ -375,7 +375,7 @@ class Zlac8015d:
 
     def _was_interrupted(self, unheard: float, reason: str) -> None:
         self._driver.known = self._modes.ready = False
-        locked = self.bus.owner.stations[self.address].locked
+        locked = self.bus.owner.units[self.address].locked
         for wheel in self._wheels:
             wheel.interrupted(
                 RearmRequired(f"{wheel.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")

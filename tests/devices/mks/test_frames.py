@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from rs485bus.bus.exchange import Exchange, Kind
+from rs485bus.bus.line.transaction import Kind, Transaction
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import current, native, read, understand, write, write_block
 from rs485bus.devices.mks.values import BaudRate, Boot, Model, MotionDirection
@@ -19,7 +19,7 @@ RESPONSES = [pytest.param(vector["hex"], id=vector["id"]) for vector in VECTORS 
 
 def kind_of(request: Request, reply: bytes) -> Kind | None:
     """What the bus takes a frame for after a request."""
-    exchange = Exchange(False)
+    exchange = Transaction(False)
     exchange.begin(request, ())
     received = exchange.feed(reply)
     return received[0].kind if received else None

@@ -178,7 +178,7 @@ async def test_a_relative_move_is_not_repeated_before_it_can_have_started() -> N
     sim = FlakyMks(machine=Machine(start_delay=0.045))
     async with bench(sim) as on:
         on.axis.attached.reply_timeout = None
-        on.bus.owner.stations[1].reply_timeout = 0.005
+        on.bus.owner.units[1].reply_timeout = 0.005
         sim.lose_reply(r.MOVE_PULSES)
         await on.axis.move_by_pulses(3200)
         assert on.shaft == pytest.approx(1.0)

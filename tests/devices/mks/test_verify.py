@@ -5,7 +5,7 @@ import pytest
 from rs485bus import MksServo, open_bus
 from rs485bus.devices.mks.verify import verify_watchdog
 from rs485bus.sim import SimMks, VirtualLine
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 
 @pytest.mark.parametrize("feeds", [{"reads"}, {"reads", "writes"}, {"reads", "others"}, {"reads", "broadcasts"}, set()])

@@ -9,7 +9,7 @@ from rs485bus.devices.tlr.alarms import ALARMS, alarm_of
 from rs485bus.errors import DriveFault, ReferenceLost
 from rs485bus.sim import SimTlr, TlrMachine
 from tests.devices.tlr.support import TRIGGERS, now, stepper_on
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 
 def test_the_five_alarms() -> None:

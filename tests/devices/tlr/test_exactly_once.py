@@ -20,7 +20,7 @@ from rs485bus.errors import (
 )
 from rs485bus.sim import Noise, SimTlr
 from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on, writes
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 CONTROL = r.CONTROL.address
 BLOCK = r.POSITIONING.address

@@ -19,7 +19,7 @@ from rs485bus.errors import (
 )
 from rs485bus.sim import SimTlr, TlrMachine
 from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on, writes
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 CONTROL = r.CONTROL.address
 HERE = Homing(mode=HomingMode.HERE)

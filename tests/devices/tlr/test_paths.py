@@ -17,7 +17,7 @@ from rs485bus.devices.tlr import registers as r
 from rs485bus.errors import LimitExceeded, ReferenceLost
 from rs485bus.sim import SimTlr, TlrMachine
 from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 
 def bare(**options: object) -> SimTlr:

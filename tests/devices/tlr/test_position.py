@@ -11,7 +11,7 @@ from rs485bus.devices.tlr import registers as r
 from rs485bus.errors import DeviceRefused, LimitExceeded, MotionError, MoveCancelled, MoveFailed, NotEnabled
 from rs485bus.sim import SimTlr, TlrMachine
 from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on, writes
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 CONTROL = r.CONTROL.address
 BLOCK = r.POSITIONING.address

@@ -22,7 +22,7 @@ from rs485bus.sim import Dip, SimTlr, TlrMachine, VirtualLine
 from rs485bus.wire.frames import crc
 from rs485bus.wire.registers import Register
 from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 
 async def power_cycle(sim: SimTlr) -> None:

@@ -5,16 +5,16 @@ import asyncio
 import pytest
 
 from rs485bus import BusConfig, MksServo, TlrStepper, open_bus
-from rs485bus.bus.motion import Motion
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.tlr import DiFunction
 from rs485bus.devices.tlr import registers as r
-from rs485bus.devices.tlr.attached import TlrAttached
+from rs485bus.devices.tlr.adapter import TlrAttached
 from rs485bus.devices.tlr.frames import read
 from rs485bus.errors import BroadcastConflict, MoveCancelled, NotSupported
 from rs485bus.sim import SimMks, SimTlr, TlrMachine, VirtualLine
 from rs485bus.wire.frames import crc, read_holding, write_multiple, write_single
 from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on, writes
-from tests.shell.support import virtual
+from tests.integration.support import virtual
 
 CONTROL = r.CONTROL.address
 

@@ -1,0 +1,1 @@
+"""What is on the pair now: the transaction, the silence, the replies that are still owed."""

@@ -1,0 +1,62 @@
+"""What the parts of a bus that users hold need of the bus itself."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.record import Record
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.stopping.halt import Procedure
+from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.motion import Motion
+from rs485bus.wire.frames import Request
+from rs485bus.wire.registers import Repeat
+
+T = TypeVar("T")
+
+
+class BusProtocol(Protocol):
+    """The event loop's side of a bus."""
+
+    config: BusConfig
+
+    @property
+    def owner(self) -> Owner:
+        """The machine inside."""
+
+    @property
+    def devices(self) -> list[DeviceAdapter]:
+        """The devices attached."""
+
+    @property
+    def flight(self) -> list[Record]:
+        """The latest transactions."""
+
+    def now(self) -> float:
+        """The time on the bus' clock, in seconds."""
+
+    def poke(self) -> None:
+        """The owner has something new to wait for."""
+
+    def after(self, seconds: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
+        """Call back after so many seconds."""
+
+    def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
+        """Have the owner carry out a procedure that nothing can cancel."""
+
+    async def ask(
+        self,
+        request: Request,
+        *,
+        urgency: Urgency = Urgency.COMMAND,
+        repeat: Repeat = Repeat.SAFE,
+        timeout: float | None = None,
+        moves: bool = False,
+        motion: Motion | None = None,
+        reply_timeout: float | None = None,
+    ) -> bytes:
+        """Send a request; return the frame that answers it."""

@@ -1,0 +1,175 @@
+"""One request on its way: what is asked, how urgent, how often it may be sent, and what became of it."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.units.motion import Motion
+from rs485bus.wire.frames import BROADCAST, Request
+from rs485bus.wire.registers import Repeat
+
+
+class Urgency(enum.IntEnum):
+    """Who goes first on the wire. A lower value goes before a higher one."""
+
+    STOP = 0
+    """Stops. They wait for nothing but the end of a frame."""
+    START = 1
+    """The frames that start a group, which go out as one. `AxisGroup` makes these."""
+    FEED = 2
+    """What keeps a watchdog fed."""
+    CONFIRM = 3
+    """The reads that confirm a stop. The bus makes these itself."""
+    COMMAND = 4
+    """What somebody asked for and waits for."""
+    POLL = 5
+    """What is asked again and again."""
+
+
+class Outcome(enum.Enum):
+    """The one way in which a job ends."""
+
+    REPLY = "reply"
+    REFUSED = "refused"
+    NOT_SENT = "not sent"
+    NO_REPLY = "no reply"
+    UNKNOWN = "unknown"
+
+
+class Reason(enum.Enum):
+    """Why a job was not sent, or not sent again."""
+
+    NONE = enum.auto()
+    CANCELLED = enum.auto()
+    """Its caller was."""
+    EXPIRED = enum.auto()
+    """Its time was over."""
+    STOPPED = enum.auto()
+    """What it is meant for was."""
+    EMERGENCY = enum.auto()
+    """An emergency stop flushed it, or the device was not seen standing after one."""
+    LATCHED = enum.auto()
+    """It could move something, and an emergency stop holds."""
+    LOCKED = enum.auto()
+    """It could move a device that was stopped for safety."""
+    DISRUPTIVE = enum.auto()
+    """Its device would be away for a while, and a watchdog is armed."""
+    TOO_LONG = enum.auto()
+    """It would take the wire for too long while a watchdog is armed."""
+    BURST_TOO_LONG = enum.auto()
+    """The frames that it goes out with would."""
+    BROKEN_OFF = enum.auto()
+    """It was to go out with others, and one of those was not sent or was refused."""
+    OFFLINE = enum.auto()
+    UNPLUGGED = enum.auto()
+    QUEUE_FULL = enum.auto()
+    CLOSED = enum.auto()
+
+
+class Job:
+    """A request and its way over the wire. The owner alone changes it after it was submitted.
+
+    Args:
+        request: the frame, and what may answer it.
+        urgency: its place among the others.
+        repeat: whether it may be sent again when no reply comes.
+        moves: it could set a motor in motion. Such jobs are refused while the bus is latched.
+        motion: what it is meant for; a stop of that drops the job.
+        reply_timeout: seconds the device may take to answer; None for what the device or the bus is set to.
+        expires_at: when it is not worth sending any more, on the owner's clock.
+        tolerant: its reply is no evidence of anything, so that it need not wait for late replies.
+        internal: the bus' own; neither flushed nor refused because of the state of the device or the bus.
+        retries: how often it may be repeated; None for what the bus is set to.
+        slot: its place among frames that go out as one, whatever its urgency; None for a frame of its own.
+        on_end: called once with the job when it has ended.
+    """
+
+    __slots__ = (
+        "address",
+        "answered_since",
+        "attempts",
+        "caller_cancelled",
+        "code",
+        "ended_at",
+        "epoch",
+        "expires_at",
+        "feeds",
+        "ignores_late_replies",
+        "internal",
+        "is_broadcast",
+        "motion",
+        "moves",
+        "on_end",
+        "outcome",
+        "queued_at",
+        "reason",
+        "repeat",
+        "reply",
+        "reply_timeout",
+        "request",
+        "retries",
+        "sent_at",
+        "slot",
+        "unanswered",
+        "urgency",
+    )
+
+    def __init__(
+        self,
+        request: Request,
+        *,
+        urgency: Urgency = Urgency.COMMAND,
+        repeat: Repeat = Repeat.SAFE,
+        moves: bool = False,
+        motion: Motion | None = None,
+        reply_timeout: float | None = None,
+        expires_at: float | None = None,
+        ignores_late_replies: bool = False,
+        internal: bool = False,
+        retries: int | None = None,
+        slot: BurstSlot | None = None,
+        on_end: Callable[[Job], None] | None = None,
+    ) -> None:
+        self.request = request
+        self.address = request.address
+        self.is_broadcast = request.address == BROADCAST
+        if slot is not None:
+            urgency = Urgency.START
+        elif urgency is Urgency.START:
+            urgency = Urgency.COMMAND  # there is nothing that it could go out with
+        self.urgency = urgency
+        self.repeat = repeat
+        self.moves = moves
+        self.motion = motion
+        self.epoch = 0 if motion is None else motion.epoch
+        self.reply_timeout = reply_timeout
+        self.expires_at = expires_at
+        self.ignores_late_replies = ignores_late_replies
+        self.internal = internal
+        self.retries = retries
+        self.slot = slot
+        self.on_end = on_end
+        self.queued_at = 0.0
+        self.sent_at = 0.0
+        """When its latest attempt was sent."""
+        self.ended_at = 0.0
+        self.answered_since = 0.0
+        """When the oldest attempt was sent that its reply may answer."""
+        self.attempts = 0
+        self.unanswered = 0
+        self.feeds = False
+        """Its latest attempt was sent to feed a watchdog."""
+        self.caller_cancelled = False
+        """Nobody waits for it any more."""
+        self.outcome: Outcome | None = None
+        self.reason = Reason.NONE
+        self.reply = b""
+        self.code: int | None = None
+        """The exception code of a refusal, if it had one."""
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether what it is meant for was stopped since it was made."""
+        return self.motion is not None and self.motion.epoch != self.epoch

@@ -1,0 +1,127 @@
+"""What goes next. Pure: the owner says which job may go, the queue says in which order to ask.
+
+Urgency decides first. Within an urgency each address has a line of its own, first in, first out, and the addresses
+take turns. Every step costs O(1) in the number of jobs. Commands that never end do not starve the polls.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+
+from rs485bus.bus.schedule.job import Job, Urgency
+
+READY = 0.0
+"""An admission: the job may go now."""
+GONE = -1.0
+"""An admission: the job is not worth sending any more; it leaves the queue."""
+
+_PATIENCE = 3
+"""Commands after which a poll that waited all the while has its turn."""
+_REST = (Urgency.COMMAND, Urgency.POLL)
+_POLLS_FIRST = (Urgency.POLL, Urgency.COMMAND)
+
+Admission = Callable[[Job], float]
+"""Asked of a job at the head of its line: READY, GONE, or the time until which it must wait."""
+
+
+class Queue:
+    """Jobs that wait for the wire."""
+
+    __slots__ = ("_lanes", "_passed", "size")
+
+    def __init__(self) -> None:
+        # Lines are ordered dicts keyed by the job itself: O(1) to append, to take the first and to leave anywhere.
+        self._lanes: tuple[OrderedDict[int, OrderedDict[Job, None]], ...] = tuple(OrderedDict() for _ in Urgency)
+        self._passed = 0
+        """How many commands in a row have gone before a poll that waited."""
+        self.size = 0
+
+    def put(self, job: Job, *, first: bool = False) -> None:
+        """Add a job to the end of its address' line; with `first` to its head, as a repetition goes."""
+        lane = self._lanes[job.urgency]
+        line = lane.get(job.address)
+        if line is None:
+            line = lane[job.address] = OrderedDict()
+        line[job] = None
+        if first:
+            line.move_to_end(job, last=False)
+        self.size += 1
+
+    def remove(self, job: Job) -> bool:
+        """Take a job out, wherever it stands. False if it does not wait here."""
+        lane = self._lanes[job.urgency]
+        line = lane.get(job.address)
+        if line is None or job not in line:
+            return False
+        del line[job]
+        if not line:
+            del lane[job.address]
+        self.size -= 1
+        return True
+
+    def take(self, admit: Admission, lanes: range | tuple[Urgency, ...] = tuple(Urgency)) -> tuple[Job | None, float]:
+        """The next job that may go, taken out; and, if there is none, when to ask again.
+
+        The time is infinite if nothing waits for time to pass.
+        """
+        again = float("inf")
+        for urgency in lanes:
+            lane = self._lanes[urgency]
+            if not lane:
+                continue
+            for address in tuple(lane):
+                while (line := lane.get(address)) is not None:
+                    job = next(iter(line))
+                    verdict = admit(job)
+                    if verdict > READY:
+                        again = min(again, verdict)
+                        break
+                    self.remove(job)
+                    if verdict == READY:
+                        if address in lane:
+                            lane.move_to_end(address)
+                        return job, 0.0
+        return None, again
+
+    def take_rest(self, admit: Admission) -> tuple[Job | None, float]:
+        """As `take`, for commands and polls.
+
+        Commands go first; but whoever asks without a pause, command after command, would keep the moves of all axes
+        from being looked at, and they would never end. So after some commands a poll has its turn.
+        """
+        waits = self.has(Urgency.POLL)
+        job, again = self.take(admit, _POLLS_FIRST if self._passed >= _PATIENCE else _REST)
+        if job is not None:
+            self._passed = self._passed + 1 if waits and job.urgency is Urgency.COMMAND else 0
+        return job, again
+
+    def take_of(self, address: int, admit: Admission) -> Job | None:
+        """The next job for one address that may go, taken out. Stops and feeds are not looked at."""
+        for urgency in (Urgency.CONFIRM, *_REST):
+            lane = self._lanes[urgency]
+            while (line := lane.get(address)) is not None:
+                job = next(iter(line))
+                verdict = admit(job)
+                if verdict > READY:
+                    break
+                self.remove(job)
+                if verdict == READY:
+                    if address in lane:
+                        lane.move_to_end(address)
+                    return job
+        return None
+
+    def has(self, urgency: Urgency, address: int | None = None) -> bool:
+        """Whether a job of this urgency waits (for this address)."""
+        lane = self._lanes[urgency]
+        return bool(lane) if address is None else address in lane
+
+    def __iter__(self) -> Iterator[Job]:
+        for lane in self._lanes:
+            for line in list(lane.values()):
+                yield from list(line)
+
+    def of(self, address: int) -> list[Job]:
+        """The jobs that wait for one address."""
+        return [job for lane in self._lanes for job in lane.get(address, ())]

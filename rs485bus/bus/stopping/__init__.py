@@ -1,0 +1,1 @@
+"""Bringing devices to a stand."""

@@ -1,0 +1,122 @@
+"""What the owner must know of a device on its bus: how it stops, is confirmed, is fed, what it hears of broadcasts.
+
+Each family implements this once. It is pure: requests and replies, no waiting.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from rs485bus.bus.units.motion import Motion
+from rs485bus.wire.frames import Request
+
+
+class StandstillDetector(ABC):
+    """Decides from what a device reports whether it stands. Made anew for every stop frame."""
+
+    @abstractmethod
+    def ask(self, free: Callable[[Request], bool]) -> Request | None:
+        """The next read that helps to decide, one for which `free` holds: a late reply cannot be taken for its
+        answer. None if all must wait."""
+
+    @abstractmethod
+    def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
+        """Take in an answer to such a read, sent at the time given (seconds).
+
+        True: it stands. False: it moves. None: ask again.
+        """
+
+
+class WatchdogRegister(ABC):
+    """The watchdog register of a device."""
+
+    off: int = 0
+    """The value, in milliseconds, that turns it off."""
+    highest: int
+    """The longest time it can be set to, in milliseconds."""
+
+    @abstractmethod
+    def write(self, milliseconds: int) -> Request:
+        """Set the time."""
+
+    def read(self) -> Request | None:
+        """Read the time back; None where the device cannot be asked."""
+        return None
+
+    def decode(self, reply: bytes) -> int:
+        """The milliseconds in such a reply."""
+        raise NotImplementedError
+
+
+class DeviceAdapter(ABC):
+    """A device, as its bus knows it."""
+
+    address: int
+    family: str
+    motion: Motion
+    """All of it. What a frame may set in motion, and a stop ends."""
+    late_reply_window: float | None = None
+    """Seconds; None for what the bus is set to."""
+    reply_timeout: float | None = None
+    """Seconds; None for what the bus is set to."""
+    start_grace: float = 0.05
+    """Seconds after a frame that moves it, within which it may report that it stands and yet start."""
+    watchdog: WatchdogRegister | None = None
+
+    @abstractmethod
+    def reads(self) -> Sequence[Request]:
+        """Reads without side effects, the most telling first, each with a reply of another length."""
+
+    @abstractmethod
+    def stops(self, motion: Motion, emergency: bool) -> Sequence[Request]:
+        """The frames that stop it, or the part of it named: as fast as it can, or with its ramp."""
+
+    @abstractmethod
+    def stopping_time(self, emergency: bool) -> float:
+        """Seconds that may pass between a stop frame and standing."""
+
+    @abstractmethod
+    def judgement(self, motion: Motion) -> StandstillDetector:
+        """A new judge of whether it, or the part of it named, stands."""
+
+    def may_start_until(self, motion: Motion) -> float:
+        """Until when what was sent last to a part of it may set that in motion, though it reports that it stands."""
+        return motion.commanded_at + self.start_grace
+
+    @abstractmethod
+    def hears(self, request: Request) -> bool:
+        """Whether it would act on this request if it were broadcast."""
+
+    def disrupts(self, request: Request) -> bool:
+        """Whether it would be slow to answer this request, or not answer for a while afterwards (it restarts, say).
+
+        Such requests are refused while a watchdog on the bus is armed.
+        """
+        return False
+
+    def broadcast_stop(self) -> Request | None:
+        """The broadcast that stops every device of this family at once, if it listens to one."""
+        return None
+
+    @abstractmethod
+    def told(self, request: Request, reply: bytes, sent_at: float) -> None:
+        """The device answered a read that the owner made: telemetry for whoever is interested."""
+
+    @abstractmethod
+    def interrupted(self, unheard: float, reason: str) -> None:
+        """The bus stopped it for safety, or lost it: its watchdog may have tripped, the port was lost. It had been
+        unheard for so many seconds."""
+
+
+class BusMember(Protocol):
+    """A facade on the bus, as what ends its moves sees it: closing, or the end of a watchdog block."""
+
+    attached: DeviceAdapter
+
+    async def drain(self) -> None:
+        """Wait until nothing is queued or moving."""
+
+    def abandon(self, why: str) -> None:
+        """End everything that is queued."""

@@ -1,0 +1,151 @@
+"""What the owner knows of each address: its device, what it owes, whether it answers, whether it is being stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rs485bus.bus.line.pending import PendingReplies
+from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.stopping.halt import Halt
+from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.motion import NEVER
+from rs485bus.bus.units.reachability import ProbeBudget, Reachability
+from rs485bus.wire.frames import Request, read_holding
+
+
+class UnitState:
+    """One address on the pair."""
+
+    __slots__ = (
+        "address",
+        "attached",
+        "former",
+        "guarded",
+        "halt",
+        "is_stops_only",
+        "lapsed",
+        "last_read",
+        "late",
+        "late_reply_window",
+        "locked",
+        "reach",
+        "rearm",
+        "reply_timeout",
+        "silent_until",
+    )
+
+    def __init__(self, address: int, in_order: bool, reply_timeout: float, late_reply_window: float) -> None:
+        self.address = address
+        self.reply_timeout = reply_timeout
+        self.late_reply_window = late_reply_window
+        self.attached: DeviceAdapter | None = None
+        self.late = PendingReplies(in_order)
+        self.reach = Reachability()
+        self.halt: Halt | None = None
+        """The stop that is not confirmed yet."""
+        self.last_read: Request | None = None
+        self.is_stops_only = False
+        """Nothing but stops until it stands: neither polled nor fed."""
+        self.silent_until = NEVER
+        """No frame at all before this time."""
+        self.locked = ""
+        """Why it moves only after it was enabled again; empty if it need not be."""
+        self.lapsed = False
+        """Its lease was not renewed, nor has it been since."""
+        self.rearm: float | None = None
+        """The watchdog time, in seconds, to arm it with when it is."""
+        self.guarded = False
+        """A watchdog block holds it."""
+        self.former: int | None = None
+        """What its watchdog was set to before it was armed here, in ms, if that could be read."""
+
+    def attach(self, attached: DeviceAdapter | None) -> None:
+        """A device is known at this address, with timing of its own if it has any."""
+        self.attached = attached
+        if attached is not None and attached.reply_timeout is not None:
+            self.reply_timeout = attached.reply_timeout
+        if attached is not None and attached.late_reply_window is not None:
+            self.late_reply_window = attached.late_reply_window
+
+    def harmless_read(self) -> Request:
+        """A read to see whether anybody answers: the device's own, or the last one it was asked."""
+        if self.attached is not None:
+            return self.attached.reads()[0]
+        return self.last_read or read_holding(self.address, 0, 1)
+
+
+class UnitStates:
+    """All addresses that were ever asked or attached.
+
+    Args:
+        in_order: replies come in the order of the requests.
+        reply_timeout: seconds a device may take to answer, where it has no time of its own.
+        late_reply_window: seconds an unanswered request may still be answered after that.
+    """
+
+    __slots__ = ("_args", "_by_address", "_lost", "_owing", "listening")
+
+    def __init__(self, in_order: bool, reply_timeout: float, late_reply_window: float) -> None:
+        self._args = (in_order, reply_timeout, late_reply_window)
+        self._by_address: dict[int, UnitState] = {}
+        self._owing: set[UnitState] = set()
+        self._lost: set[UnitState] = set()
+        self.listening = ProbeBudget()
+
+    def __getitem__(self, address: int) -> UnitState:
+        unit = self._by_address.get(address)
+        if unit is None:
+            unit = self._by_address[address] = UnitState(address, *self._args)
+        return unit
+
+    def __iter__(self) -> Iterator[UnitState]:
+        return iter(list(self._by_address.values()))
+
+    def late(self, now: float) -> list[PendingReplies]:
+        """What may still arrive, from whomever."""
+        if not self._owing:
+            return []
+        for unit in self._owing:
+            unit.late.expire(now)
+        self._owing = {unit for unit in self._owing if unit.late}
+        return [unit.late for unit in self._owing]
+
+    def owes(self, unit: UnitState, job: Job, deadline: float) -> None:
+        """The job's latest attempt got no reply within its budget."""
+        unit.late.unanswered(job, deadline + unit.late_reply_window)
+        self._owing.add(unit)
+
+    def answered(self, unit: UnitState) -> None:
+        """The unit answered: it is not offline."""
+        if unit.reach.answered():
+            self._lost.discard(unit)
+
+    def unanswered(self, unit: UnitState, job: Job, now: float) -> None:
+        """The job's latest attempt was not answered in its time."""
+        listened = now - job.sent_at
+        if unit.reach.offline:
+            self.listening.spend(listened, now)
+            return
+        flapping = sum(other.reach.flaps(now) for other in self._by_address.values())
+        if unit.reach.unanswered(now, listened, flapping):
+            self._lost.add(unit)
+
+    def missed(self, unit: UnitState, now: float, limit: int) -> None:
+        """A request to the unit ended without an answer."""
+        if unit.reach.missed(now, limit):
+            self._lost.add(unit)
+
+    def to_probe(self, now: float) -> UnitState | None:
+        """The offline unit to look for now; None while there is none, or no time to spend on it."""
+        if self.to_probe_at(now) > now:
+            return None
+        unit = min(self._lost, key=lambda unit: unit.reach.probe_at)
+        # Whoever was looked for goes behind the others.
+        unit.reach.probe_at = now
+        return unit
+
+    def to_probe_at(self, now: float) -> float:
+        """When to look for an offline unit."""
+        if not self._lost:
+            return float("inf")
+        return max(self.listening.free_at(now), min(unit.reach.probe_at for unit in self._lost))

@@ -1,0 +1,1 @@
+"""Armed watchdogs: admission, feeding, leases, arming and release."""

@@ -1,0 +1,51 @@
+"""What is sent to feed a watchdog: a request that waits for the device anyway, or else a read of its own. Pure."""
+
+from __future__ import annotations
+
+from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.bus.schedule.queue import Admission, Queue
+from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.unit_state import UnitStates
+from rs485bus.bus.watchdog.feeding import ArmedWatchdog
+
+_NOT_NOW = float("inf")
+
+
+def next_feed(watch: ArmedWatchdog, queue: Queue, units: UnitStates, admit: Admission, now: float) -> Job:
+    """What to send to a device that is due.
+
+    On a bus that is never idle something waits for most devices. It goes a little before its turn, instead of in
+    addition to a feed, so that feeding takes nothing from the wire. What was not answered is followed by a feed.
+
+    Args:
+        watch: the watchdog that is due.
+        queue: what waits for the wire. What goes is taken out of it.
+        stations: the addresses.
+        admit: whether a job may go.
+        now: the time, in seconds.
+    """
+    unit = units[watch.address]
+    attached = unit.attached
+    assert attached is not None
+    if queue.size and watch.failures == 0:
+        waiting = queue.take_of(watch.address, lambda job: admit(job) if _is_as_short(job, attached) else _NOT_NOW)
+        if waiting is not None:
+            waiting.feeds = True
+            return waiting
+    reads = attached.reads()
+    request = reads[0]
+    if unit.late:
+        # One whose reply is not owed, or else one that proves less.
+        unit.late.expire(now)
+        request = next((read for read in reads if not unit.late.must_wait(read)), request)
+    watch.feeds += 1
+    job = Job(request, urgency=Urgency.FEED, ignores_late_replies=True, internal=True, retries=0)
+    job.feeds = True
+    return job
+
+
+def _is_as_short(job: Job, attached: DeviceAdapter) -> bool:
+    """Whether it takes the wire no longer than a feed may."""
+    longest = max(len(read.adu) + read.length for read in attached.reads())
+    length = job.request.length
+    return job.reply_timeout is None and 0 < length <= longest - len(job.request.adu)

@@ -15,6 +15,7 @@ from typing import Any
 
 from benchmarks import report
 from benchmarks.clients.registry import LIBRARIES
+from benchmarks.lossy_cases import CASES
 from benchmarks.measure import measure
 from benchmarks.plan import QUICK, ROWS, Measurement, Scale
 from benchmarks.processes import ClientFailed, awake
@@ -31,6 +32,7 @@ def main() -> int:
     parser.add_argument("--units", nargs="+", type=int)
     parser.add_argument("--repeats", type=int)
     parser.add_argument("--seconds", type=float, help="how long each share is measured")
+    parser.add_argument("--cases", nargs="+", choices=list(CASES), help="of lossy and dead, only these")
     parser.add_argument("--patience", type=float, default=2.0, help="seconds to wait for a quiet machine each time")
     parser.add_argument("--out", type=Path, default=Path("benchmark-results"), help="where the results go")
     options = parser.parse_args()
@@ -41,6 +43,8 @@ def main() -> int:
         print("skipped:", why)
     scale = replace(scale, libraries=tuple(name for name in scale.libraries if not LIBRARIES[name].missing))
     plan = [measurement for row in options.rows for measurement in ROWS[row](scale)]
+    if options.cases:
+        plan = [measurement for measurement in plan if measurement.task.case in ("", *options.cases)]
     patience, attempts = (0.0, 1) if options.quick else (options.patience, 3)
     runs = Runs(carry_out(plan, patience, attempts, skipped))
     print()
@@ -70,6 +74,7 @@ def carry_out(plan: list[Measurement], patience: float, attempts: int, skipped: 
                 "baudrate": task.setting.baudrate,
                 "units": task.setting.units,
                 "amount": task.amount,
+                "case": task.case,
                 "repetition": measurement.repetition,
             }
             what = f"{measurement.row} {task.library} {task.setting.baudrate} baud"

@@ -13,12 +13,12 @@ from typing import Any, cast
 
 from benchmarks.clients.interface import AsyncClient, BlockingClient
 from benchmarks.setting import Setting
-from benchmarks.tasks import faulty, idle, share, stop, virtual, waiting
+from benchmarks.tasks import faulty, idle, lossy, share, stop, virtual, waiting
 from benchmarks.tasks.task import Result, Task
 
 _VIRTUAL = {"watched": virtual.watched, "memory": virtual.memory}
-_ASYNC = {"share": share.run, "faulty": faulty.run, "stop": stop.run, "waiting": waiting.run}
-_BLOCKING = {"share": share.run_blocking, "faulty": faulty.run_blocking}
+_ASYNC = {"share": share.run, "faulty": faulty.run, "lossy": lossy.run, "stop": stop.run, "waiting": waiting.run}
+_BLOCKING = {"share": share.run_blocking, "faulty": faulty.run_blocking, "lossy": lossy.run_blocking}
 
 
 def perform(task: Task) -> Result:

@@ -31,7 +31,9 @@ _KEPT = 5000
 
 
 @dataclass(slots=True)
-class _Reply:
+class Reply:
+    """A reply on its way. Times are nanoseconds of the monotonic clock."""
+
     frame: bytes
     starts: int
     ends: int
@@ -66,7 +68,7 @@ class PacedLine:
         self._buffer = b""
         self._air_end = 0
         self._quiet_since = 0
-        self._replies: deque[_Reply] = deque()
+        self._replies: deque[Reply] = deque()
         self._excess: deque[int] = deque(maxlen=_KEPT)
         self._late: deque[int] = deque(maxlen=_KEPT)
 
@@ -75,7 +77,7 @@ class PacedLine:
         poll, clock, replies = self._poller.poll, time.monotonic_ns, self._replies
         while not self.stopped:
             if replies and replies[0].ends <= clock():
-                self._answer(replies.popleft())
+                self._hand_over(replies.popleft())
             if poll(0 if self._spin else self._pause()):
                 now = clock()
                 self.heard(os.read(self._master, 4096), now)
@@ -126,17 +128,24 @@ class PacedLine:
         register = int.from_bytes(frame[2:4], "big")
         if frame[1] == 16 and register == MARK:
             self.marks.append((arrived / 1e9, int.from_bytes(frame[7:9], "big")))
+        self.answer(frame, self._air_end + self._turnaround)
+
+    def answer(self, frame: bytes, starts: int) -> None:
+        """A unit was asked; its reply usually begins at `starts`."""
         body = frame[:-2]
         if frame[1] in (3, 4):
             count = frame[5]
             body = frame[:2] + bytes((2 * count,)) + b"\0\1" * count
         elif frame[1] == 16:
             body = frame[:6]
-        reply = body + crc(body)
-        starts = self._air_end + self._turnaround
-        self._replies.append(_Reply(reply, starts, starts + len(reply) * self._character))
+        self.reply(body, starts)
 
-    def _answer(self, reply: _Reply) -> None:
+    def reply(self, body: bytes, starts: int) -> None:
+        """A unit begins to answer at `starts`."""
+        reply = body + crc(body)
+        self._replies.append(Reply(reply, starts, starts + len(reply) * self._character))
+
+    def _hand_over(self, reply: Reply) -> None:
         now = time.monotonic_ns()
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, reply.frame)
@@ -169,7 +178,11 @@ def main() -> None:
     core = options.pop("core", None)
     if core is not None:
         os.sched_setaffinity(0, {core})
-    line = PacedLine(Setting(**options), spin=core is not None)
+    serve(PacedLine(Setting(**options), spin=core is not None))
+
+
+def serve(line: PacedLine) -> None:
+    """Serve until SIGTERM; print the port's path first, and at the end what was counted."""
 
     def stop(*_: object) -> None:
         line.stopped = True

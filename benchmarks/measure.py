@@ -8,7 +8,9 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from benchmarks.judge import judge
-from benchmarks.plan import NOISY, NONE, PACED, SERVOS, Measurement
+from benchmarks.lossy_cases import CASES
+from benchmarks.lossy_line import options as lossy_options
+from benchmarks.plan import LOSES, NOISY, NONE, PACED, SERVOS, Measurement
 from benchmarks.processes import cores, line, run_client
 from benchmarks.quiet import Others, wait_for_quiet
 from benchmarks.setting import Setting
@@ -67,12 +69,18 @@ def _line(measurement: Measurement) -> tuple[str, dict[str, Any]]:
             "seed": measurement.task.seed,
         }
     _, core = cores()
+    if measurement.line == LOSES:
+        case = CASES[measurement.task.case]
+        return "benchmarks.lossy_line", lossy_options(setting, case.lossy, measurement.task.seed, core)
     return "benchmarks.line", {**asdict(setting), "core": core}
 
 
 def _joined(row: str, setting: Setting, found: Result, counted: Result) -> Result:
     if row == "faulty":
         return judge(found, counted)
+    if row in ("lossy", "dead"):
+        kept = {key: found[key] for key in ("ms", "delivered", "by_unit")}
+        return {**judge(found, counted), **kept}
     if row == "stop":
         return _stops(found["asked"], counted["marks"])
     if row == "share":

@@ -74,7 +74,8 @@ def _shares(runs: Runs, axes: Any) -> None:
     _bars(axes, [f"{rate} baud" for rate in rates], bars)
     axes.axhline(100, color="black", lw=0.8)
     axes.set_title("Share of what the wire allows, % (hatched: breaks the t3.5 silence)")
-    axes.legend(fontsize=7, ncols=3, loc="lower left")
+    if rates:
+        axes.legend(fontsize=7, ncols=3, loc="lower left")
 
 
 def _cpu(runs: Runs, axes: Any) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from benchmarks.clients.registry import FLOOR, LIBRARIES, OURS
+from benchmarks.lossy_cases import DEAD, LOSSY, Case
 from benchmarks.setting import Setting
 from benchmarks.tasks.task import Task
 
@@ -24,6 +25,7 @@ class Scale:
     waiting: tuple[int, ...] = (1, 100, 10_000)
     waited: float = 2.0
     faulty: float = 15.0
+    lossy: float = 10.0
     idle: float = 5.0
     watched: float = 60.0
     memory: float = 3600.0
@@ -40,12 +42,13 @@ QUICK = Scale(
     waiting=(1, 100),
     waited=0.3,
     faulty=1.0,
+    lossy=0.5,
     idle=1.0,
     watched=5.0,
     memory=120.0,
 )
 
-PACED, NOISY, SERVOS, NONE = "paced", "noisy", "servos", ""
+PACED, NOISY, LOSES, SERVOS, NONE = "paced", "noisy", "loses", "servos", ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,31 @@ def _faulty(scale: Scale) -> Iterator[Measurement]:
                 yield Measurement("faulty", task, NOISY, repetition)
 
 
+def _lossy(scale: Scale) -> Iterator[Measurement]:
+    return _cases(scale, "lossy", LOSSY)
+
+
+def _dead(scale: Scale) -> Iterator[Measurement]:
+    return _cases(scale, "dead", DEAD)
+
+
+def _cases(scale: Scale, row: str, cases: dict[str, Case]) -> Iterator[Measurement]:
+    for repetition in range(scale.repeats):
+        for name, case in cases.items():
+            for library in scale.libraries:
+                if library != FLOOR:  # it waits for ever
+                    task = Task(
+                        library=library,
+                        name="lossy",
+                        setting=Setting(units=case.units),
+                        seconds=scale.lossy,
+                        amount=int(case.together),
+                        case=name,
+                        seed=repetition + 1,
+                    )
+                    yield Measurement(row, task, LOSES, repetition)
+
+
 def _watched(scale: Scale) -> Iterator[Measurement]:
     for baudrate in (38400, 115200):
         setting = Setting(baudrate=baudrate)
@@ -125,6 +153,8 @@ ROWS: dict[str, Callable[[Scale], Iterator[Measurement]]] = {
     "stop": _stop,
     "waiting": _waiting,
     "faulty": _faulty,
+    "lossy": _lossy,
+    "dead": _dead,
     "watched": _watched,
     "idle": _idle,
     "memory": _memory,

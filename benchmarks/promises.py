@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from benchmarks.clients.registry import FLOOR, LIBRARIES, OURS
+from benchmarks.lossy_cases import CASES
 from benchmarks.setting import READ_COUNT, Setting
 from benchmarks.summary import Runs
 
@@ -27,7 +28,7 @@ class Promise:
 
 def promises(runs: Runs) -> list[Promise]:
     """Those that these runs can tell of."""
-    return [*_shares(runs), *_cpu(runs), *_stops(runs), *_rest(runs)]
+    return [*_shares(runs), *_cpu(runs), *_stops(runs), *_lossy(runs), *_rest(runs)]
 
 
 def _shares(runs: Runs) -> Iterator[Promise]:
@@ -68,6 +69,38 @@ def _stops(runs: Runs) -> Iterator[Promise]:
             figure = f"slowest {took.median:.2f} ms ({took.low:.2f}..{took.high:.2f})"
             what = f"a stop behind {queued} reads ({READ_COUNT} registers) is on the wire within {allowed:.2f} ms"
             yield Promise(what, figure, took.median <= allowed)
+
+
+def _lossy(runs: Runs) -> Iterator[Promise]:
+    for name in (*runs.cases("lossy"), *runs.cases("dead")):
+        case = CASES[name]
+        row = "lossy" if name in runs.cases("lossy") else "dead"
+        took = runs.spread("ms", row, OURS, case=name)
+        if took is None:
+            continue
+        figure = f"{took.median:.2f} ms ({took.low:.2f}..{took.high:.2f})"
+        if case.most_ms:
+            yield Promise(
+                f"{name}: a delivered answer takes at most {case.most_ms} ms", figure, took.median <= case.most_ms
+            )
+        if case.of_ideal:
+            share = case.ideal_ms / took.median
+            what = f"{name}: at least {case.of_ideal:.0%} of an ideal repetition ({case.ideal_ms:.2f} ms)"
+            yield Promise(what, f"{share:.0%}, {figure}", share >= case.of_ideal)
+        clean = runs.spread("ms", row, OURS, case=case.clean) if case.clean else None
+        if clean is not None:
+            ratio = took.median / clean.median
+            what = f"{name}: at most {case.of_clean} of what it takes without loss"
+            yield Promise(what, f"{ratio:.2f}, {figure}", ratio <= case.of_clean)
+        wrong = runs.total("lies", row, OURS, case=name)
+        yield Promise(
+            f"{name}: no wrong answer", f"{wrong} of {runs.total('requests', row, OURS, case=name)}", not wrong
+        )
+        for peer in runs.libraries:
+            ratio_to = runs.ratio("ms", row, OURS, peer, case=name) if peer != OURS else None
+            if ratio_to is not None and not name.startswith("0 %"):
+                figure = f"{ratio_to.median:.2f} ({ratio_to.low:.2f}..{ratio_to.high:.2f})"
+                yield Promise(f"{name}: ahead of {peer}", figure, ratio_to.median < 1)
 
 
 def _rest(runs: Runs) -> Iterator[Promise]:

@@ -57,6 +57,10 @@ class Runs:
         """The different values of a setting in a row, in order."""
         return sorted({run[key] for run in self.runs if run["row"] == row})
 
+    def cases(self, row: str) -> list[str]:
+        """The cases of a row, as they were measured."""
+        return list(dict.fromkeys(run["case"] for run in self.runs if run["row"] == row))
+
     def spread(self, metric: str, row: str, library: str, **wanted: Any) -> Spread | None:
         return Spread.of(run[metric] for run in self.of(row, library, **wanted))
 
@@ -100,6 +104,10 @@ def rows(runs: Runs) -> list[Row]:
         table.add(f"CPU a request with {waiting} waiting, over with 100", _waiting, amount=waiting)
     table.add("wrong answers on a faulty line", _faulty, metric="lies")
     table.add("writes done twice on a faulty line", _faulty, metric="twice")
+    for row in ("lossy", "dead"):
+        for case in runs.cases(row):
+            table.add(f"ms a delivered answer, {case}", _delivered, row=row, case=case)
+    table.add("wrong answers of those", _lossy_wrong)
     for baudrate in runs.values("baudrate", "watched"):
         title = f"longest unfed of 16 watched devices, saturated, {baudrate} baud (may be), of their time"
         table.add(title, _unfed, baudrate=baudrate)
@@ -175,6 +183,15 @@ def _faulty(runs: Runs, library: str, metric: str) -> str:
     return f"{runs.total(metric, 'faulty', library)} of {runs.total('requests', 'faulty', library)}"
 
 
+def _delivered(runs: Runs, library: str, row: str, case: str) -> str:
+    return plain(runs.spread("ms", row, library, case=case))
+
+
+def _lossy_wrong(runs: Runs, library: str) -> str:
+    found = [run for row in ("lossy", "dead") for run in runs.of(row, library)]
+    return f"{sum(run['lies'] for run in found)} of {sum(run['requests'] for run in found)}" if found else ""
+
+
 def _unfed(runs: Runs, library: str, **wanted: Any) -> str:
     found = runs.of("watched", library, **wanted)
     return f"{100 * found[0]['unfed']:.1f} % ({100 * found[0]['allowed']:.1f} %)" if found else ""
@@ -195,8 +212,8 @@ def _memory(runs: Runs, library: str) -> str:
     )
 
 
-def _place(run: Run) -> tuple[int, int, int, int]:
-    return run["baudrate"], run["units"], run["amount"], run["repetition"]
+def _place(run: Run) -> tuple[int, int, int, str, int]:
+    return run["baudrate"], run["units"], run["amount"], run.get("case", ""), run["repetition"]
 
 
 def libraries_of(runs: Runs) -> list[str]:

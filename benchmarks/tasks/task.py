@@ -24,6 +24,7 @@ class Task:
         setting: how the line is set.
         seconds: how long to measure.
         amount: how much of what the task counts.
+        case: which of `benchmarks.lossy_cases` the line is, for the rows that have cases.
         seed: makes chance reproducible.
     """
 
@@ -33,6 +34,7 @@ class Task:
     setting: Setting = field(default_factory=Setting)
     seconds: float = 1.0
     amount: int = 0
+    case: str = ""
     seed: int = 1
 
     @property

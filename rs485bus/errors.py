@@ -67,6 +67,10 @@ class WrongThread(BusError, RuntimeError):
     """The bus was called from another thread than the one its event loop runs in."""
 
 
+class LoopNotRunning(WrongThread):
+    """The bus was called while its event loop does not run: between two cells of a plain IPython session, say."""
+
+
 # What became of a request
 
 

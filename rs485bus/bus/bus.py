@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
-from rs485bus.bus.handle import Handle, outlast, settle
+from rs485bus.bus.handle import Handle, outlast, running_loop, settle
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.runner import OwnerRunner
@@ -23,7 +23,7 @@ from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
 from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.watchdog.guard import WatchdogGuard, warn_of
 from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop, shut_down
-from rs485bus.errors import AddressInUse, BusClosed, BusError, PortError, WrongThread
+from rs485bus.errors import AddressInUse, BusClosed, BusError, LoopNotRunning, PortError, WrongThread
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request, unit_address
 from rs485bus.wire.registers import Repeat
@@ -264,6 +264,7 @@ class Bus:
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""
+        self.check_thread()
         self._owner.now = self._loop.time()
         self._owner.start(procedure, done)
         self._pump.run()
@@ -411,8 +412,11 @@ class Bus:
 
         Raises:
             WrongThread: it comes from another thread than the loop's.
+            LoopNotRunning: it comes from the loop's thread, but the loop does not run.
             BusClosed: the loop was closed.
         """
+        if running_loop() is self._loop:
+            return
         if threading.get_ident() != self._thread:
             raise WrongThread(
                 "The bus was called from another thread than its event loop's. From there, what acts when it is called "
@@ -424,3 +428,8 @@ class Bus:
                 "The event loop of the bus was closed, so that nothing can be asked or stopped by it any more. Open "
                 "the bus anew in the loop that runs now, and leave it before that loop ends: async with open_bus(...)."
             )
+        raise LoopNotRunning(
+            "The event loop of the bus does not run now, so that nothing can be sent: nothing was done. Call the bus "
+            "from a coroutine of that loop. In IPython, whose loop runs only while a cell awaits something, write "
+            "await bus.emergency_stop(), not bus.emergency_stop(). Motors that must stop now: use the hard-wired stop."
+        )

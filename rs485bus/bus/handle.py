@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import logging
 from collections.abc import Callable, Generator
 from typing import Any, Generic, TypeVar
 
 import anyio
 
 from rs485bus.bus.interrupts import interrupts_put_off
+from rs485bus.errors import LoopNotRunning
 
 T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
 
 
 class Handle(Generic[T]):
     """A command on its way. It happens whether it is awaited or not.
 
-    Awaiting gives its result or raises why it failed; any number may await it, at any time. Cancelling an await
-    leaves the command alone.
+    Awaiting gives its result or raises why it failed; any number may await it, at any time, in any event loop.
+    Cancelling an await leaves the command alone.
 
     Args:
         what: names it in messages.
@@ -29,6 +34,7 @@ class Handle(Generic[T]):
         self.seen = False
         """Its failure was raised to somebody."""
         self._unseen = unseen
+        self._home = running_loop()
         self._over = False
         self._result: T | None = None
         self._error: Exception | None = None
@@ -49,20 +55,33 @@ class Handle(Generic[T]):
         return self._error
 
     def add_done_callback(self, callback: Callable[[Handle[Any]], object]) -> None:
-        """Have `callback` called with this handle when it ends, before anybody who awaits it goes on."""
-        self._callbacks.append(callback)
+        """Have `callback` called with this handle when it ends, before anybody who awaits it goes on.
+
+        Where it has ended already, `callback` is called at once. An exception that `callback` raises is logged.
+        """
+        if self._over:
+            self._call(callback)
+        else:
+            self._callbacks.append(callback)
 
     async def wait(self) -> T:
         """Wait for its end. As a coroutine function it suits `TaskGroup.create_task` and `start_soon`.
 
         Raises:
             RequestFailed, MotionError: why it failed.
+            LoopNotRunning: the event loop in which it was begun does not run, so that it would not end.
         """
         if not self._over:
-            waiter = asyncio.get_running_loop().create_future()
+            here, home = asyncio.get_running_loop(), self._home
+            if home is not None and home is not here and not home.is_running():
+                raise LoopNotRunning(
+                    f"{self.what} goes on only while the event loop runs in which it was begun. Await it in that one."
+                )
+            waiter = here.create_future()
             self._waiters.append(waiter)
             try:
-                await waiter
+                if not self._over:  # another thread may end it between the question and the waiter
+                    await waiter
             finally:
                 self._waiters.remove(waiter)
         if self._error is not None:
@@ -75,8 +94,9 @@ class Handle(Generic[T]):
 
     def finish(self, result: T) -> None:
         """It ended well. For those who carry it out."""
-        self._result = result
-        self._end()
+        if not self._over:
+            self._result = result
+            self._end()
 
     def fail(self, error: Exception) -> None:
         """It failed. For those who carry it out."""
@@ -88,12 +108,39 @@ class Handle(Generic[T]):
             self._unseen(self)
 
     def _end(self) -> None:
-        if not self._over:
-            self._over = True
-            for callback in self._callbacks:
-                callback(self)
-            for waiter in self._waiters:
-                settle(waiter, None)
+        self._over = True
+        callbacks, self._callbacks = self._callbacks, []
+        try:
+            for callback in callbacks:
+                self._call(callback)
+        finally:  # a callback may raise Ctrl-C
+            here = running_loop()
+            for waiter in list(self._waiters):
+                _wake(waiter, here)
+
+    def _call(self, callback: Callable[[Handle[Any]], object]) -> None:
+        try:
+            callback(self)
+        except Exception:
+            _log.exception("a done-callback of %s failed", self.what)
+
+
+def running_loop() -> asyncio.AbstractEventLoop | None:
+    """The event loop that runs in this thread, if one does."""
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
+def _wake(waiter: asyncio.Future[None], here: asyncio.AbstractEventLoop | None) -> None:
+    """Let the one go on who waits by this future, in whichever event loop that is."""
+    loop = waiter.get_loop()
+    if loop is here:
+        settle(waiter, None)
+    else:
+        with contextlib.suppress(RuntimeError):  # that loop was closed
+            loop.call_soon_threadsafe(settle, waiter, None)
 
 
 def settle(future: asyncio.Future[T], result: T) -> None:

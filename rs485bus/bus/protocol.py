@@ -36,6 +36,9 @@ class BusProtocol(Protocol):
     def flight(self) -> list[Record]:
         """The latest transactions."""
 
+    def check_thread(self) -> None:
+        """Refuse a call that the event loop of the bus cannot carry out."""
+
     def now(self) -> float:
         """The time on the bus' clock, in seconds."""
 

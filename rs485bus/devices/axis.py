@@ -206,6 +206,7 @@ class Axis(Conduct):
 
     def forgive(self) -> None:
         """Take commands again after a failure that nobody has seen."""
+        self.bus.check_thread()
         self._orders.forgive()
 
     def join(self, goal: Goal, who: str, company: Company) -> JointMove:
@@ -407,6 +408,7 @@ class Axis(Conduct):
         return await self.position()
 
     def _cancel_move(self, move: Move) -> None:
+        self.bus.check_thread()
         cancelled = MoveCancelled(f"{move.what} was cancelled.")
         self._forget_plans()
         if not self._orders.remove(move, cancelled) and self._orders.current is move:

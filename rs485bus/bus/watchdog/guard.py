@@ -130,6 +130,7 @@ class WatchdogGuard:
 
     def renew(self) -> None:
         """The application is alive: the lease, if there is one, holds from now on."""
+        self._bus.check_thread()
         if self._lease is not None:
             self._lease.renew(self._bus.now())
             self._bus.poke()

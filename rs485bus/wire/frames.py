@@ -8,7 +8,7 @@ parameter here: a payload that is not two bytes a register (`write_bytes`), and 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,21 +22,21 @@ from pymodbus.pdu.register_message import (
 )
 
 from rs485bus.arguments import whole
+from rs485bus.wire.answers import READ_INPUT as READ_INPUT
+from rs485bus.wire.answers import WRITE_MULTIPLE as WRITE_MULTIPLE
+from rs485bus.wire.answers import WRITE_SINGLE as WRITE_SINGLE
+from rs485bus.wire.answers import Answer, answer_to, changes, counted
+from rs485bus.wire.answers import Sizer as Sizer
 
 BROADCAST = 0
 MAX_ADDRESS = 247
+HIGHEST_ADDRESS = 255
+"""The highest address that a byte can say. What is above 247 is reserved (Modbus over Serial Line V1.02, 2.2)."""
 MAX_FRAME = 256
 """The longest frame on the pair, address and CRC included (Modbus over Serial Line V1.02, 2.5.1)."""
 EXCEPTION_LENGTH = 5
 MAX_READ, MAX_WRITE = 125, 123
 """How many registers one frame can read or write."""
-
-READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT = 1, 2, 3, 4
-WRITE_COIL, WRITE_SINGLE, WRITE_COILS, WRITE_MULTIPLE, MASK_WRITE, READ_WRITE = 5, 6, 15, 16, 22, 23
-_READS = frozenset({READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT, 7, 11, 12, 17, 20, 24, 43})
-
-Sizer = Callable[[bytes], int]
-"""Tells the length of a reply from its first bytes; 0 while that cannot be told yet."""
 
 
 def crc(data: bytes) -> bytes:
@@ -103,18 +103,20 @@ def unit_address(address: int, *, highest: int = MAX_ADDRESS) -> int:
 
 # By type as well: what was checked of 1 says nothing of True, nor of 1.0.
 @lru_cache(maxsize=1024, typed=True)
-def read_holding(address: int, register: int, count: int) -> Request:
+def read_holding(address: int, register: int, count: int, highest: int = MAX_ADDRESS) -> Request:
     """Read `count` (1..125) holding registers, function 03."""
-    return _read(ReadHoldingRegistersRequest, address, register, count)
+    return _read(ReadHoldingRegistersRequest, address, register, count, highest)
 
 
 @lru_cache(maxsize=1024, typed=True)
-def read_input(address: int, register: int, count: int) -> Request:
+def read_input(address: int, register: int, count: int, highest: int = MAX_ADDRESS) -> Request:
     """Read `count` (1..125) input registers, function 04."""
-    return _read(ReadInputRegistersRequest, address, register, count)
+    return _read(ReadInputRegistersRequest, address, register, count, highest)
 
 
-def write_single(address: int, register: int, value: int, *, hidden_refusal: bool = False) -> Request:
+def write_single(
+    address: int, register: int, value: int, *, hidden_refusal: bool = False, highest: int = MAX_ADDRESS
+) -> Request:
     """Write one register, function 06.
 
     Args:
@@ -122,25 +124,22 @@ def write_single(address: int, register: int, value: int, *, hidden_refusal: boo
         register: 0..65535.
         value: 0..65535.
         hidden_refusal: the device says no by echoing 0xFFFF as the value (MKS RTU V1.0.9, 2.4).
+        highest: 255 to allow the addresses that the specification reserves.
     """
-    address = _any_address(address)
-    register, _ = _window(register, 1, 1)
+    address = _any_address(address, highest)
+    register, _ = window(register, 1, 1)
     adu = _encode(address, WriteSingleRegisterRequest(address=register, registers=[_value(value)]))
-    refusal = adu[:4] + b"\xff\xff" if hidden_refusal else None
-    return _write(address, WRITE_SINGLE, adu, adu[:6], refusal)
+    return _write(adu, adu[:4] + b"\xff\xff" if hidden_refusal else None)
 
 
-def write_multiple(address: int, register: int, values: Sequence[int], *, hidden_refusal: bool = False) -> Request:
+def write_multiple(
+    address: int, register: int, values: Sequence[int], *, hidden_refusal: bool = False, highest: int = MAX_ADDRESS
+) -> Request:
     """Write 1..123 registers, function 16. Arguments as for `write_single`."""
-    try:
-        count = len(values)
-    except TypeError:
-        raise TypeError(f"values must be a sequence of register values, [1, 2] say, not {values!r}") from None
-    if not 1 <= count <= MAX_WRITE:
-        raise ValueError(f"{count} registers in one write; 1..{MAX_WRITE} fit a frame")
-    register, _ = _window(register, count, MAX_WRITE)
-    pdu = WriteMultipleRegistersRequest(address=register, registers=[_value(value) for value in values])
-    return _write_block(address, pdu, hidden_refusal)
+    numbers = words(values, MAX_WRITE)
+    register, _ = window(register, len(numbers), MAX_WRITE)
+    pdu = WriteMultipleRegistersRequest(address=register, registers=numbers)
+    return _write_block(address, pdu, hidden_refusal, highest)
 
 
 def write_bytes(address: int, register: int, count: int, data: bytes, *, hidden_refusal: bool = False) -> Request:
@@ -150,40 +149,45 @@ def write_bytes(address: int, register: int, count: int, data: bytes, *, hidden_
     """
     if not 1 <= len(data) <= 246:
         raise ValueError(f"{len(data)} data bytes in one write; 1..246 fit a frame")
-    return _write_block(address, _WriteBytes(*_window(register, count, MAX_WRITE), data), hidden_refusal)
+    pdu = _WriteBytes(*window(register, count, MAX_WRITE), data)
+    return _write_block(address, pdu, hidden_refusal, MAX_ADDRESS)
 
 
-def from_pdu(address: int, pdu: ModbusPDU, reply: type[ModbusPDU]) -> Request:
-    """Any request of pymodbus, answered by PDUs of the class `reply`."""
-    address = _any_address(address)
+def public(address: int, function: int, data: bytes, *, highest: int = MAX_ADDRESS) -> Request:
+    """A request by a public function of the specification. 0 as the address is everyone's."""
+    adu = _closed(whole("address", address, BROADCAST, highest), function, data)
+    answer = answer_to(adu)
+    if answer is None:
+        raise ValueError(f"function {function} is no public one: say how it is answered")
+    return _request(adu, answer, changes(adu))
+
+
+def private(
+    address: int, function: int, data: bytes, answer: Answer, *, writes: bool, highest: int = MAX_ADDRESS
+) -> Request:
+    """A request by any function, answered as said."""
+    return _request(_closed(whole("address", address, BROADCAST, highest), function, data), answer, writes)
+
+
+def from_pdu(address: int, pdu: ModbusPDU, reply: type[ModbusPDU], *, highest: int = MAX_ADDRESS) -> Request:
+    """Any request of pymodbus, answered by PDUs of the class `reply`.
+
+    How long a reply is, is asked of the class where it is not pymodbus' own, and of the specification otherwise.
+    """
+    address = whole("address", address, BROADCAST, highest)
     adu = _encode(address, pdu)
-    function = pdu.function_code
-    prefix, length = adu[:2], int(reply.rtu_frame_size)
-    if function in (READ_COILS, READ_DISCRETE):
-        prefix, length = _counted(address, function, (pdu.count + 7) // 8)
-    elif function in (READ_HOLDING, READ_INPUT):
-        prefix, length = _counted(address, function, 2 * pdu.count)
-    elif function == READ_WRITE:
-        prefix, length = _counted(address, function, 2 * int.from_bytes(adu[4:6], "big"))
-    elif function in (WRITE_COIL, WRITE_SINGLE, WRITE_COILS, WRITE_MULTIPLE):
-        prefix, length = adu[:6], 8
-    elif function == MASK_WRITE:
-        prefix, length = adu[:8], 10
-    silent = address == BROADCAST
-    return Request(
-        address=address,
-        function=function,
-        adu=adu,
-        prefix=prefix,
-        length=0 if silent else length,
-        writes=function not in _READS,
-        sizer=None if silent or length else reply.calculateRtuFrameSize,
-    )
+    is_own = reply.__module__.startswith("pymodbus.")
+    answer = answer_to(adu) if is_own else None
+    if answer is None:
+        size = int(reply.rtu_frame_size)
+        answer = Answer(adu[:2], size, None if size else reply.calculateRtuFrameSize)
+    return _request(adu, answer, changes(adu))
 
 
-def _counted(address: int, function: int, size: int) -> tuple[bytes, int]:
-    """How a reply begins that tells its `size` data bytes, and how long it is."""
-    return bytes((address, function, size)), 5 + size
+def _request(adu: bytes, answer: Answer, writes: bool) -> Request:
+    if adu[0] == BROADCAST:
+        answer = Answer(answer.prefix, 0)
+    return Request(adu[0], adu[1], adu, answer.prefix, answer.length, writes, sizer=answer.sizer)
 
 
 class _WriteBytes(WriteMultipleRegistersRequest):
@@ -197,40 +201,56 @@ class _WriteBytes(WriteMultipleRegistersRequest):
         return struct.pack(">HHB", self.address, self.count, len(self._data)) + self._data
 
 
-def _read(pdu: type[ModbusPDU], address: int, register: int, count: int) -> Request:
-    address = unit_address(address)
-    register, count = _window(register, count, MAX_READ)
-    function: int = pdu.function_code
+def _read(pdu: type[ModbusPDU], address: int, register: int, count: int, highest: int) -> Request:
+    address = unit_address(address, highest=highest)
+    register, count = window(register, count, MAX_READ)
     adu = _encode(address, pdu(address=register, count=count))
-    return Request(address, function, adu, *_counted(address, function, 2 * count), writes=False)
+    return _request(adu, counted(adu, 2 * count), writes=False)
 
 
-def _write_block(address: int, pdu: ModbusPDU, hidden_refusal: bool) -> Request:
-    address = _any_address(address)
-    adu = _encode(address, pdu)
-    return _write(address, WRITE_MULTIPLE, adu, adu[:6], adu[:4] + b"\0\0" if hidden_refusal else None)
+def _write_block(address: int, pdu: ModbusPDU, hidden_refusal: bool, highest: int) -> Request:
+    adu = _encode(_any_address(address, highest), pdu)
+    return _write(adu, adu[:4] + b"\0\0" if hidden_refusal else None)
 
 
-def _write(address: int, function: int, adu: bytes, echo: bytes, refusal: bytes | None) -> Request:
-    length = 0 if address == BROADCAST else 8
-    return Request(address, function, adu, echo, length, writes=True, refusal=refusal)
+def _write(adu: bytes, refusal: bytes | None) -> Request:
+    length = 0 if adu[0] == BROADCAST else 8
+    return Request(adu[0], adu[1], adu, adu[:6], length, writes=True, refusal=refusal)
 
 
 def _encode(address: int, pdu: ModbusPDU) -> bytes:
-    head = bytes((address, pdu.function_code)) + pdu.encode()
+    return _closed(address, pdu.function_code, pdu.encode())
+
+
+def _closed(address: int, function: int, data: bytes) -> bytes:
+    """The frame, with its CRC."""
+    head = bytes((address, function)) + data
+    if len(head) + 2 > MAX_FRAME:
+        raise ValueError(f"a frame of {len(head) + 2} bytes; the longest has {MAX_FRAME}")
     return head + crc(head)
 
 
-def _any_address(address: int) -> int:
-    return whole("address", address, BROADCAST, MAX_ADDRESS)
+def _any_address(address: int, highest: int) -> int:
+    return whole("address", address, BROADCAST, highest)
 
 
-def _window(register: int, count: int, most: int) -> tuple[int, int]:
-    """Where `count` registers begin that one frame names, and how many they are."""
-    register, count = whole("register address", register, 0, 0xFFFF), whole("count", count, 1, most)
+def window(register: int, count: int, most: int, what: str = "register") -> tuple[int, int]:
+    """Where `count` registers (or what it is) begin that one frame names, and how many they are."""
+    register, count = whole(f"{what} address", register, 0, 0xFFFF), whole("count", count, 1, most)
     if register + count > 0x10000:
-        raise ValueError(f"registers {register}..{register + count - 1} are outside 0..65535")
+        raise ValueError(f"{what}s {register}..{register + count - 1} are outside 0..65535")
     return register, count
+
+
+def words(values: Sequence[int], most: int) -> list[int]:
+    """The values of 1..`most` registers that one frame writes."""
+    try:
+        count = len(values)
+    except TypeError:
+        raise TypeError(f"values must be a sequence of register values, [1, 2] say, not {values!r}") from None
+    if not 1 <= count <= most:
+        raise ValueError(f"{count} registers in one write; 1..{most} fit a frame")
+    return [_value(value) for value in values]
 
 
 def _value(value: int) -> int:

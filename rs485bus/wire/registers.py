@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import enum
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Literal, TypeVar, cast
 
 from rs485bus.arguments import choice, real
 from rs485bus.errors import LimitExceeded
+from rs485bus.wire.convert import WordOrder
 
 T = TypeVar("T")
 
@@ -47,6 +49,30 @@ class Number:
         return int.from_bytes(data[: self.size], "big", signed=self.signed)
 
 
+@dataclass(frozen=True, slots=True)
+class Real:
+    """How a floating-point number lies in bytes (IEEE 754), sign and exponent first."""
+
+    name: str
+    size: Literal[4, 8]
+
+    @property
+    def low(self) -> int:
+        return -self.high
+
+    @property
+    def high(self) -> int:
+        largest = b"\x7f\x7f\xff\xff" if self.size == 4 else b"\x7f\xef" + 6 * b"\xff"
+        return int(self.decode(largest))
+
+    def encode(self, value: float) -> bytes:
+        return struct.pack(">f" if self.size == 4 else ">d", value)
+
+    def decode(self, data: bytes) -> float:
+        value: float = struct.unpack_from(">f" if self.size == 4 else ">d", data)[0]
+        return value
+
+
 U8: Final = Number("uint8", 1, signed=False)
 I8: Final = Number("int8", 1, signed=True)
 U16: Final = Number("uint16", 2, signed=False)
@@ -54,6 +80,10 @@ I16: Final = Number("int16", 2, signed=True)
 U32: Final = Number("uint32", 4, signed=False)
 I32: Final = Number("int32", 4, signed=True)
 I48: Final = Number("int48", 6, signed=True)
+U64: Final = Number("uint64", 8, signed=False)
+I64: Final = Number("int64", 8, signed=True)
+F32: Final = Real("float32", 4)
+F64: Final = Real("float64", 8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +92,17 @@ class Field(Generic[T]):
 
     `low` and `high` bound what may be written, in the value's own unit; the number's range holds where they are
     None. `step` is the value of one count, in that unit. `into` makes the typed value: an enum, `bool`, or nothing.
+    `word_order` is "little" where the register of the lowest bits comes first.
     """
 
     name: str
-    number: Number
+    number: Number | Real
     unit: str = ""
     low: float | None = None
     high: float | None = None
     step: float = 1
     into: Callable[[int], T] | None = None
+    word_order: WordOrder = "big"
 
     def encode(self, value: T) -> bytes:
         """The bytes of `value`.
@@ -78,17 +110,29 @@ class Field(Generic[T]):
         Raises:
             LimitExceeded: it is outside the range, or none of the values that may be chosen.
         """
-        return self.number.encode(self.raw(value))
+        number = self.number
+        data = number.encode(self.scaled(value)) if isinstance(number, Real) else number.encode(self.raw(value))
+        return data if self.word_order == "big" else _swapped(data)
 
     def decode(self, data: bytes) -> T:
         """The value in the first bytes of `data`. A value the table does not name raises `ValueError`."""
+        if self.word_order == "little":
+            data = _swapped(data[: self.number.size])
         raw = self.number.decode(data)
         if self.into is not None:
-            return self.into(raw)
+            return self.into(cast(int, raw))
         return cast(T, raw if self.step == 1 else raw * self.step)
 
     def raw(self, value: T) -> int:
         """The whole number that stands for `value`, checked against the range."""
+        scaled = self.scaled(value)
+        raw = round(scaled)
+        if self.step == 1 and raw != scaled:
+            raise LimitExceeded(f"{self.name} {value} is not a whole number")
+        return raw
+
+    def scaled(self, value: T) -> float:
+        """`value` in counts, checked against the range."""
         if isinstance(self.into, enum.EnumType):
             self._check_choice(value)
         number = cast(Any, value)
@@ -98,10 +142,7 @@ class Field(Generic[T]):
         if not low <= number <= high:
             unit = f" {self.unit}" if self.unit else ""
             raise LimitExceeded(f"{self.name} {value}{unit} is outside {self._range}")
-        raw: int = round(number / self.step)
-        if self.step == 1 and raw != number:
-            raise LimitExceeded(f"{self.name} {value} is not a whole number")
-        return raw
+        return cast(float, number if self.step == 1 else number / self.step)
 
     @property
     def _ends(self) -> tuple[float, float]:
@@ -119,14 +160,24 @@ class Field(Generic[T]):
             choice(self.name, value, into)
 
 
+def _swapped(data: bytes) -> bytes:
+    """The same registers, the last one first."""
+    return b"".join(data[at : at + 2] for at in range(len(data) - 2, -2, -2))
+
+
 @dataclass(frozen=True, slots=True)
 class Register(Field[T]):
-    """One value at a register address."""
+    """One value at a register address.
+
+    `function` is the code that reads it: 3 for holding registers, 4 for input registers. `repeat` is for the commands
+    of a drive family; `unit.write` asks for it anew.
+    """
 
     address: int = 0
     access: Literal["r", "w", "rw"] = "rw"
     repeat: Repeat = Repeat.SAFE
     default: T | None = None
+    function: Literal[3, 4] = 3
 
     @property
     def count(self) -> int:

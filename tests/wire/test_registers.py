@@ -7,7 +7,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rs485bus.errors import LimitExceeded
-from rs485bus.wire.registers import I16, I32, I48, U8, U16, U32, Block, Field, Number, Register
+from rs485bus.wire.registers import (
+    F32,
+    F64,
+    I16,
+    I32,
+    I48,
+    I64,
+    U8,
+    U16,
+    U32,
+    U64,
+    Block,
+    Field,
+    Number,
+    Real,
+    Register,
+)
 
 
 class Colour(enum.IntEnum):
@@ -25,7 +41,7 @@ SCALED: Register[float] = Register("voltage", U16, "V", step=0.01, address=8)
 COLOUR: Register[Colour] = Register("colour", U16, into=Colour, address=9)
 PAIR = Block("pair", 10, (Field("level", U8, low=0, high=1), Field("offset", I32, "counts")), count=3)
 
-numbers = st.sampled_from([U8, U16, I16, U32, I32, I48])
+numbers = st.sampled_from([U8, U16, I16, U32, I32, I48, U64, I64])
 
 
 @given(numbers, st.data())
@@ -91,3 +107,32 @@ def test_a_block_wants_all_its_values() -> None:
 
 def test_how_many_registers_a_value_takes() -> None:
     assert (SPEED.count, Register("x", I48, address=1).count, Register("x", U8, address=1).count) == (1, 3, 1)
+
+
+def test_floating_point_numbers() -> None:
+    power: Register[float] = Register("power", F32, "W", address=52)
+    assert power.encode(1.0) == b"\x3f\x80\0\0"
+    assert power.decode(b"\x43\x66\x33\x34") == pytest.approx(230.2)
+    energy: Register[float] = Register("energy", F64, "kWh", 0, step=0.001, address=60)
+    assert energy.count == 4
+    assert energy.decode(energy.encode(12.5)) == 12.5
+    with pytest.raises(LimitExceeded, match=r"energy -1 kWh is outside 0\.\."):
+        energy.encode(-1)
+    with pytest.raises(LimitExceeded, match=r"power 1e\+39 W is outside -3\.40282346639e\+38\.\."):
+        power.encode(1e39)
+    with pytest.raises(LimitExceeded, match="power nan W is outside"):
+        power.encode(float("nan"))
+
+
+@given(st.sampled_from([F32, F64]), st.data())
+def test_a_floating_point_number_comes_back_from_its_bytes(number: Real, data: st.DataObject) -> None:
+    value = data.draw(st.floats(allow_nan=False, width=32 if number is F32 else 64))
+    assert number.decode(number.encode(value)) == value
+
+
+def test_the_lowest_register_may_come_first() -> None:
+    swapped: Register[int] = Register("counter", U32, word_order="little", address=1)
+    assert swapped.encode(0x01020304) == b"\x03\x04\x01\x02"
+    assert swapped.decode(b"\x03\x04\x01\x02\xff\xff") == 0x01020304
+    real: Register[float] = Register("power", F32, word_order="little", address=1)
+    assert real.decode(b"\0\0\x3f\x80") == 1.0

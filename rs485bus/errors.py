@@ -98,7 +98,7 @@ class RequestFailed(BusError):
 
 
 class DeviceRefused(RequestFailed):
-    """The device said no. It was not done.
+    """The device said no. It was not done; of a block, the message says, a part may have been written.
 
     `code` is the Modbus exception code, or None where the family refuses in a normal reply.
     """
@@ -133,7 +133,8 @@ class NoReply(RequestFailed):
 
 
 class OutcomeUnknown(RequestFailed):
-    """It was sent, nothing fitting came back, and it must not be repeated blindly. Read back what the device did."""
+    """It was sent, and nobody knows whether it was done: nothing fitting came back, or an exception that leaves it open
+    (04, 05 and others), or a gateway gave the device up. It must not be repeated blindly: read back what was done."""
 
 
 # What became of a motion

@@ -17,6 +17,7 @@ from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.schedule.verification import Verification
 from rs485bus.bus.stopping.halt import Halted, Procedure, unconfirmed
 from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
@@ -231,10 +232,13 @@ class Bus:
         motion: Motion | None = None,
         reply_timeout: float | None = None,
         slot: BurstSlot | None = None,
+        verify: Verification | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it. Raises as described at `Unit`.
 
-        One with a `slot` goes out with others, as one, and as what starts a group.
+        One with a `slot` goes out with others, as one, and as what starts a group. With `verify` and `repeat=VERIFY` a
+        write that is not answered is read back, and repeated where that shows that it was not carried out; empty is
+        returned where that shows that it was.
         """
         attached = self._owner.units[request.address].attached
         if motion is None and moves:
@@ -248,6 +252,7 @@ class Bus:
             motion=motion,
             reply_timeout=reply_timeout,
             slot=slot,
+            verify=verify,
             expires_at=None if timeout in (None, math.inf) else self._loop.time() + timeout,
             on_end=lambda _: settle(ended, None),
         )

@@ -18,6 +18,8 @@ from rs485bus.errors import (
     QueueFull,
     RequestFailed,
 )
+from rs485bus.wire.exceptions import Meaning, exception, is_all_or_nothing
+from rs485bus.wire.frames import Request
 
 _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
     Reason.CANCELLED: (NotSent, "its caller was cancelled before it could be sent"),
@@ -49,20 +51,8 @@ _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
     Reason.QUEUE_FULL: (QueueFull, "too many requests wait already. Ask for less at once"),
     Reason.CLOSED: (BusClosed, "the bus is closed"),
 }
-_EXCEPTIONS = {
-    1: "illegal function",
-    2: "illegal register address",
-    3: "illegal value",
-    4: "execution failed or denied",
-    5: "acknowledged, still working",
-    6: "busy",
-    8: "memory parity error",
-    10: "gateway path unavailable",
-    11: "gateway target did not respond",
-}
-
-
-_UNKNOWN_TO_IT = (1, 2)
+_ILLEGAL_FUNCTION = 1
+_UNKNOWN_TO_IT = (_ILLEGAL_FUNCTION, 2)
 
 
 class _Details(TypedDict):
@@ -82,27 +72,72 @@ def failure(job: Job, records: Sequence[Record], family: str | None = None) -> R
     details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts)
     what = str(job.request)
     if job.outcome is Outcome.REFUSED:
-        named = (
-            "in its reply" if job.code is None else f"{_EXCEPTIONS.get(job.code, 'unknown')} (exception {job.code:02})"
-        )
-        stranger = ""
-        if family is not None and job.code in _UNKNOWN_TO_IT:
-            stranger = f" It may be another drive than the {family} that the facade at its address is for."
-        return DeviceRefused(f"Refused, {named}: {what}. Nothing was done.{stranger}", code=job.code, **details)
+        return DeviceRefused(_refused(job, family), code=job.code, **details)
     if job.outcome is Outcome.NOT_SENT:
         error, why = _NOT_SENT[job.reason]
         return error(f"Not sent, {why}: {what}.", **details)
-    lost = " The port was lost meanwhile." if job.reason is Reason.UNPLUGGED else ""
-    sent = f"sent {job.attempts} time{'s' * (job.attempts > 1)}"
+    again = f" It was not sent again, {_NOT_SENT[job.reason][1]}." if job.reason in _NOT_SENT else ""
+    if job.reason is Reason.UNPLUGGED:
+        again = " The port was lost meanwhile."
     if job.outcome is Outcome.NO_REPLY:
         return NoReply(
-            f"No reply, {sent}: {what}.{lost} Check the device's power, address, baud rate and parity, and the wires "
-            "A and B. The request may be repeated safely.",
-            **details,
+            f"No reply, {_sent(job)}: {what}.{again} {_check(job)} The request may be repeated safely.", **details
         )
     return OutcomeUnknown(
-        f"Nobody knows whether it was done, {sent} without an answer: {what}.{lost} "
+        f"Nobody knows whether it was done, {_sent(job)}: {what}.{_seen(job)}{again} "
         "Read back what the device did before you repeat it.",
         records=records,
         **details,
+    )
+
+
+def _refused(job: Job, family: str | None) -> str:
+    """What a refusal says, and whether a part of it may have been done all the same."""
+    named = "in its reply" if job.code is None else named_exception(job.code)
+    return f"Refused, {named}: {job.request}. {what_was_done(job.request, job.code)}{_stranger(job.code, family)}"
+
+
+def named_exception(code: int) -> str:
+    """An exception code with its meaning."""
+    return f"{exception(code).name} (exception {code:02})"
+
+
+def what_was_done(request: Request, code: int | None) -> str:
+    """What a device has done of a request that it refused."""
+    if exception(code or 0).meaning is Meaning.BUSY:
+        return "Nothing was done. Ask again later."
+    if code in (None, _ILLEGAL_FUNCTION) or is_all_or_nothing(request):
+        return "Nothing was done."
+    return "A part of the block may have been written: read it back."
+
+
+def _stranger(code: int | None, family: str | None) -> str:
+    if family is None or code not in _UNKNOWN_TO_IT:
+        return ""
+    return f" It may be another drive than the {family} that the facade at its address is for."
+
+
+def _sent(job: Job) -> str:
+    """How often it was sent, and what came of that."""
+    times = f"sent {job.attempts} time{'s' * (job.attempts > 1)}"
+    if job.code is None:
+        return f"{times} without an answer" if job.outcome is Outcome.UNKNOWN else times
+    if exception(job.code).meaning is Meaning.UNANSWERED:
+        return f"{times}; the gateway says: {named_exception(job.code)}"
+    return f"{times}; the device says: {named_exception(job.code)}"
+
+
+def _seen(job: Job) -> str:
+    """What came of reading it back."""
+    times = f"{job.read_backs} time{'s' * (job.read_backs > 1)}"
+    return f" Reading it back, {times}, did not show it." if job.read_backs else ""
+
+
+def _check(job: Job) -> str:
+    """What to look at where nobody answers."""
+    if job.code is None:
+        return "Check the device's power, address, baud rate and parity, and the wires A and B."
+    return (
+        "The gateway answers: check the device's power and address, and the gateway's wires A and B, baud rate and "
+        "parity, and its timeout."
     )

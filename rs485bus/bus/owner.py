@@ -17,12 +17,14 @@ from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.burst_scheduler import BurstScheduler
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.queue import GONE, Queue
+from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.scheduler import Scheduler
 from rs485bus.bus.stopping.halt import Halt, Procedure
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
+from rs485bus.wire.exceptions import Meaning
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 from rs485bus.wire.timing import LineSettings
@@ -56,6 +58,7 @@ class Owner:
         silence = config.tcp_gap if gateway else line.t35
         self.pair = SerialLine(line, silence, None if config.echo == "auto" else config.echo, now)
         self._queue = Queue()
+        self._repeating = Repeating(config.retries, self._queue, self._end)
         self.starts = BurstScheduler(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
         self._turnaround_until = NEVER
         self._wake = FOREVER
@@ -73,7 +76,7 @@ class Owner:
     def submit(self, job: Job, now: float) -> None:
         """Take a job. How it ends is told through `job.on_end`, which may be at once."""
         job.queued_at = self.now = now
-        job.outcome = None
+        job.outcome = job.code = None
         reason = self.gate.refusal(job)
         if self._queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
             reason = Reason.QUEUE_FULL
@@ -94,6 +97,8 @@ class Owner:
         """The caller has gone. What was not sent never will be; what is on the wire is finished, not repeated."""
         self.now = now
         job.caller_cancelled = True
+        if job.read_back is not None:
+            job.read_back.caller_cancelled = True
         self._give_up(job, Reason.CANCELLED)
 
     def at(self, when: float, callback: Callable[[], None]) -> None:
@@ -317,7 +322,7 @@ class Owner:
         self.send_at = start
         job.attempts += 1
         job.sent_at = start
-        if job.moves and job.motion is not None:
+        if job.moves and job.motion is not None and job.request.writes:
             job.motion.commanded(start)
         unit = self.units[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
@@ -353,19 +358,23 @@ class Owner:
                 self._answered(job, unit, kind, frame)
 
     def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
+        meaning = None
+        if kind is not Kind.NORMAL:
+            job.code = frame[2] if kind is Kind.EXCEPTION else None
+            meaning = unit.meaning(job.request, job.code)
+            if meaning is Meaning.UNANSWERED:
+                self._unanswered("no reply", frame)
+                return
         since = unit.late.answered(job, self.pair.deadline + unit.late_reply_window)
         job.answered_since = since
         job.reply = frame
-        job.code = frame[2] if kind is Kind.EXCEPTION else None
         self.units.answered(unit)
-        self._note(job, frame, "reply" if kind is Kind.NORMAL else "refused", self.now)
+        self._note(job, frame, "reply" if meaning is None else "refused", self.now)
         self.pair.exchange.settle()
         self.pair.end(self.units.late(self.now))
-        if kind is not Kind.NORMAL:
+        if meaning is not None:
             self._fed_nothing(job)
-            # An unanswered attempt before this one may have done what this one was refused.
-            unknown = job.unanswered and job.request.writes
-            self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED)
+            self._repeating.after_exception(job, meaning, self.now)
             return
         self.feeding.heard(unit.address, since)
         if job.feeds:
@@ -374,21 +383,23 @@ class Owner:
             unit.attached.told(job.request, frame, since)
         self._end(job, Outcome.REPLY)
 
-    def _unanswered(self, how: str) -> None:
-        """The attempt on the wire got no reply: its time is over, a stop cut it short, or the port was lost."""
+    def _unanswered(self, how: str, frame: bytes = b"") -> None:
+        """The attempt on the wire got no reply: its time is over, a gateway says so in a frame, a stop cut it short, or
+        the port was lost."""
         job = self.pair.job
         assert job is not None
         unit = self.units[job.address]
         job.unanswered += 1
+        if not frame:
+            job.code = None
         self.units.owes(unit, job, max(self.pair.deadline, self.now))
-        self._note(job, b"", how, self.now)
+        self._note(job, frame, how, self.now)
         if how == "no reply":
             self.pair.exchange.settle()
             self.units.unanswered(unit, job, self.now)
         self.pair.end(self.units.late(self.now))
         self._fed_nothing(job)
-        if how != "lost" and self._may_repeat(job) and not unit.reach.silent:
-            self._queue.put(job, first=True)
+        if how != "lost" and not unit.reach.silent and self._repeating.after_silence(job, self.now):
             return
         if how == "no reply" and not job.internal:
             self.units.missed(unit, self.now, self.config.offline_after)
@@ -402,18 +413,13 @@ class Owner:
             job.feeds = False
             self.feeding.failed(job.address, self.now, self.now - job.sent_at)
 
-    def _may_repeat(self, job: Job) -> bool:
-        retries = self.config.retries if job.retries is None else job.retries
-        expired = job.expires_at is not None and job.expires_at <= self.now
-        is_safe = job.repeat is Repeat.SAFE and job.slot is None
-        return is_safe and job.attempts <= retries and not job.caller_cancelled and not expired
-
     # How jobs end
 
     def _give_up(self, job: Job, reason: Reason) -> None:
         """End a job that still waits, unless it is a stop."""
-        if job.urgency is not Urgency.STOP and job.outcome is None and self._queue.remove(job):
-            self._drop(job, reason)
+        waiting = job.read_back or job
+        if job.urgency is not Urgency.STOP and job.outcome is None and self._queue.remove(waiting):
+            self._drop(waiting, reason)
 
     def _flush(self, jobs: Iterable[Job], which: Callable[[Job], bool], reason: Reason) -> None:
         for job in list(jobs):
@@ -422,10 +428,11 @@ class Owner:
 
     def _drop(self, job: Job, reason: Reason) -> None:
         """It is not sent, or not sent again. What was sent unanswered may have been done."""
-        if not job.unanswered:
-            self._end(job, Outcome.NOT_SENT, reason)
-        else:
+        if job.unanswered:
             self._end(job, Outcome.UNKNOWN if job.request.writes else Outcome.NO_REPLY, reason)
+        else:
+            # Of those that were sent and answered, only what the device was too busy for waits once more.
+            self._end(job, Outcome.NOT_SENT if job.code is None else Outcome.REFUSED, reason)
 
     def _end(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
         job.outcome = outcome

@@ -10,6 +10,7 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.schedule.verification import Verification
 from rs485bus.bus.stopping.halt import Procedure
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import Motion
@@ -61,5 +62,6 @@ class BusProtocol(Protocol):
         moves: bool = False,
         motion: Motion | None = None,
         reply_timeout: float | None = None,
+        verify: Verification | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it."""

@@ -7,8 +7,9 @@ from collections.abc import Awaitable, Sequence
 from rs485bus.arguments import choice, real
 from rs485bus.bus.protocol import BusProtocol
 from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.schedule.verification import Verification, holds
 from rs485bus.bus.units.motion import Motion
-from rs485bus.errors import BroadcastConflict, OutcomeUnknown
+from rs485bus.errors import BroadcastConflict
 from rs485bus.wire.frames import (
     BROADCAST,
     Request,
@@ -94,23 +95,18 @@ class Unit:
     async def _write(
         self, request: Request, values: Sequence[int], urgency: Urgency, timeout: float | None, repeat: Repeat
     ) -> None:
-        repeat = choice("repeat", repeat, Repeat)
-        attempts = 1 + self._bus.config.retries if repeat is Repeat.VERIFY else 1
-        for attempt in range(attempts):
-            try:
-                await self._ask(request, urgency, timeout, repeat, moves=True)
-                return
-            except OutcomeUnknown:
-                if repeat is not Repeat.VERIFY:
-                    raise
-                there = await self.read_holding_registers(request.register, len(values), urgency=urgency)
-                if there == list(values):
-                    return
-                if attempt + 1 == attempts:
-                    raise
+        verify = holds(self.address, request.register, values) if repeat is Repeat.VERIFY else None
+        await self._ask(request, urgency, timeout, repeat, moves=True, verify=verify)
 
     def _ask(
-        self, request: Request, urgency: Urgency, timeout: float | None, repeat: Repeat, *, moves: bool = False
+        self,
+        request: Request,
+        urgency: Urgency,
+        timeout: float | None,
+        repeat: Repeat,
+        *,
+        moves: bool = False,
+        verify: Verification | None = None,
     ) -> Awaitable[bytes]:
         return self._bus.ask(
             request,
@@ -118,6 +114,7 @@ class Unit:
             timeout=None if timeout is None else real("timeout", timeout),
             repeat=choice("repeat", repeat, Repeat),
             moves=moves,
+            verify=verify,
         )
 
 

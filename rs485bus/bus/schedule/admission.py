@@ -71,6 +71,8 @@ class AdmissionControl:
 
     def wait(self, job: Job, now: float) -> float:
         """Until when a job that may be sent must wait; READY if it need not."""
+        if job.not_before > now:
+            return job.not_before
         if not self.settled and job.request.writes and job.urgency is not Urgency.STOP:
             return _FOREVER
         if job.is_broadcast:

@@ -6,6 +6,7 @@ import enum
 from collections.abc import Callable
 
 from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.verification import Verification
 from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.frames import BROADCAST, Request
 from rs485bus.wire.registers import Repeat
@@ -83,6 +84,7 @@ class Job:
         internal: the bus' own; neither flushed nor refused because of the state of the device or the bus.
         retries: how often it may be repeated; None for what the bus is set to.
         slot: its place among frames that go out as one, whatever its urgency; None for a frame of its own.
+        verify: how to see whether it was carried out, where it may be sent again once that shows that it was not.
         on_end: called once with the job when it has ended.
     """
 
@@ -101,9 +103,12 @@ class Job:
         "is_broadcast",
         "motion",
         "moves",
+        "not_before",
         "on_end",
         "outcome",
         "queued_at",
+        "read_back",
+        "read_backs",
         "reason",
         "repeat",
         "reply",
@@ -114,6 +119,7 @@ class Job:
         "slot",
         "unanswered",
         "urgency",
+        "verify",
     )
 
     def __init__(
@@ -130,6 +136,7 @@ class Job:
         internal: bool = False,
         retries: int | None = None,
         slot: BurstSlot | None = None,
+        verify: Verification | None = None,
         on_end: Callable[[Job], None] | None = None,
     ) -> None:
         self.request = request
@@ -150,10 +157,16 @@ class Job:
         self.internal = internal
         self.retries = retries
         self.slot = slot
+        self.verify = verify
+        self.read_back: Job | None = None
+        """The read-back that is waited for, while the write itself waits for its outcome."""
+        self.read_backs = 0
         self.on_end = on_end
         self.queued_at = 0.0
         self.sent_at = 0.0
         """When its latest attempt was sent."""
+        self.not_before = 0.0
+        """When the device can be asked again that said it was busy."""
         self.ended_at = 0.0
         self.answered_since = 0.0
         """When the oldest attempt was sent that its reply may answer."""
@@ -167,7 +180,7 @@ class Job:
         self.reason = Reason.NONE
         self.reply = b""
         self.code: int | None = None
-        """The exception code of a refusal, if it had one."""
+        """The exception code that answered its latest attempt, if one did."""
 
     @property
     def is_stale(self) -> bool:

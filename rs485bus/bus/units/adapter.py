@@ -89,6 +89,13 @@ class DeviceAdapter(ABC):
     def hears(self, request: Request) -> bool:
         """Whether it would act on this request if it were broadcast."""
 
+    def does_nothing(self, request: Request, code: int) -> bool:
+        """Whether it has done nothing when it answers a write by this exception.
+
+        Asked of the exceptions with which other devices may have begun it, or done it: 04, 05, 07, 08, unknown ones.
+        """
+        return False
+
     def disrupts(self, request: Request) -> bool:
         """Whether it would be slow to answer this request, or not answer for a while afterwards (it restarts, say).
 

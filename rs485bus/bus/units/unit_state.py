@@ -10,6 +10,7 @@ from rs485bus.bus.stopping.halt import Halt
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import NEVER
 from rs485bus.bus.units.reachability import ProbeBudget, Reachability
+from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request, read_holding
 
 
@@ -66,6 +67,16 @@ class UnitState:
             self.reply_timeout = attached.reply_timeout
         if attached is not None and attached.late_reply_window is not None:
             self.late_reply_window = attached.late_reply_window
+
+    def meaning(self, request: Request, code: int | None) -> Meaning:
+        """What a refusal says of a request; `code` is None for one inside a normal reply."""
+        if code is None:
+            return Meaning.REFUSED
+        meaning = exception(code).meaning
+        if meaning is not Meaning.OPEN:
+            return meaning
+        known = not request.writes or (self.attached is not None and self.attached.does_nothing(request, code))
+        return Meaning.REFUSED if known else Meaning.OPEN
 
     def harmless_read(self) -> Request:
         """A read to see whether anybody answers: the device's own, or the last one it was asked."""

@@ -9,7 +9,7 @@ from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.frames import control, read
 from rs485bus.devices.tlr.telemetry import report
-from rs485bus.devices.tlr.values import ControlWord
+from rs485bus.devices.tlr.values import ControlWord, ExceptionCode
 from rs485bus.wire.frames import WRITE_MULTIPLE, WRITE_SINGLE, Request, payload, read_holding
 
 FAMILY = "TL-R"
@@ -85,6 +85,10 @@ class TlrAttached(DeviceAdapter):
         if request.function == WRITE_MULTIPLE:
             count = int.from_bytes(request.adu[4:6], "big")
         return any(first < written.stop and first + count > written.start for written in _WRITTEN)
+
+    def does_nothing(self, request: Request, code: int) -> bool:
+        """04 says that it was denied (4.4), not that it failed."""
+        return code == ExceptionCode.EXECUTION_DENIED
 
     def told(self, request: Request, reply: bytes, sent_at: float) -> None:
         if request in self._reads and not report(payload(reply)).moving:

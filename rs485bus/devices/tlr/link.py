@@ -6,6 +6,7 @@ import logging
 from typing import Any, TypeVar
 
 from rs485bus.bus.bus import Bus
+from rs485bus.bus.failure import what_was_done
 from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.tlr.adapter import FAMILY, TlrAttached
@@ -126,7 +127,7 @@ class Link:
                 raise
             raise DeviceRefused(
                 f"{FAMILY} {self._address} refuses, {_REFUSALS[known]} (exception {known:02}): {request}. "
-                "Nothing was done.",
+                f"{what_was_done(request, known)}",
                 code=known,
                 address=refused.address,
                 request=refused.request,

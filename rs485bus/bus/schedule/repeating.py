@@ -1,0 +1,121 @@
+"""What follows on an attempt that no normal reply answered: a repetition, a read-back, or the end. Pure.
+
+A verified write and its read-backs are one job to whoever submitted it: they share its place in the queue, its epoch
+and its time, so that nothing that keeps the write off the wire lets a read-back or a repetition pass. Whatever the
+read-back says, the write's own outcome is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rs485bus.bus.schedule.job import Job, Outcome, Reason
+from rs485bus.bus.schedule.queue import Queue
+from rs485bus.wire.exceptions import Meaning, exception
+from rs485bus.wire.registers import Repeat
+
+_BUSY_PAUSE = 0.1
+"""Seconds for which a device is left alone that says it is busy; twice as long after each further time."""
+
+End = Callable[[Job, Outcome, Reason], None]
+
+
+class Repeating:
+    """The jobs that are sent again.
+
+    Args:
+        retries: how often a job is repeated that says nothing else.
+        queue: what waits for the wire.
+        end: ends a job.
+    """
+
+    __slots__ = ("_end", "_queue", "_retries")
+
+    def __init__(self, retries: int, queue: Queue, end: End) -> None:
+        self._retries = retries
+        self._queue = queue
+        self._end = end
+
+    def after_silence(self, job: Job, now: float) -> bool:
+        """The latest attempt was not answered. False if the job is neither repeated nor read back: it has ended."""
+        if job.repeat is Repeat.SAFE:
+            if not self._may_repeat(job, now):
+                return False
+            self._queue.put(job, first=True)
+            return True
+        return self._read_back(job, now)
+
+    def after_exception(self, job: Job, meaning: Meaning, now: float) -> None:
+        """The device said no, or that it could not do it."""
+        if meaning is Meaning.BUSY and job.repeat is not Repeat.NEVER and self._may_repeat(job, now):
+            job.not_before = now + _pause(job.attempts)
+            self._queue.put(job, first=True)
+        elif meaning is Meaning.OPEN and job.request.writes:
+            if not self._read_back(job, now):
+                self._end(job, Outcome.UNKNOWN, Reason.NONE)
+        else:
+            # An unanswered attempt before this one may have done what this one was refused.
+            unknown = job.unanswered and job.request.writes
+            self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED, Reason.NONE)
+
+    def _may_repeat(self, job: Job, now: float) -> bool:
+        return job.attempts <= self._retries_of(job) and job.slot is None and _is_wanted(job, now)
+
+    def _read_back(self, job: Job, now: float) -> bool:
+        """See whether a verified write was carried out. False if that is not asked for, or not any more."""
+        verify = job.verify
+        if job.repeat is not Repeat.VERIFY or verify is None or job.slot is not None or not _is_wanted(job, now):
+            return False
+        job.read_backs += 1
+        back = Job(
+            verify.read,
+            urgency=job.urgency,
+            moves=job.moves,  # it goes where the write may go, and no further
+            motion=job.motion,
+            reply_timeout=job.reply_timeout,
+            expires_at=job.expires_at,
+            internal=job.internal,
+            retries=job.retries,
+            on_end=lambda back: self._was_read_back(job, back),
+        )
+        back.epoch = job.epoch
+        back.queued_at = now
+        if _was_begun(job):
+            back.not_before = now + _pause(job.read_backs)  # it may be at it still
+        job.read_back = back
+        self._queue.put(back, first=True)
+        return True
+
+    def _was_read_back(self, job: Job, back: Job) -> None:
+        job.read_back = None
+        verify, now = job.verify, back.ended_at
+        assert verify is not None
+        if back.outcome is not Outcome.REPLY:
+            self._end(job, Outcome.UNKNOWN, back.reason)
+        elif verify.shows(back.reply):
+            job.answered_since = job.queued_at
+            self._end(job, Outcome.REPLY, Reason.NONE)
+        elif _was_begun(job):
+            # What it has begun may be seen later, and would be done twice if it were repeated.
+            if job.read_backs > self._retries_of(job) or not self._read_back(job, now):
+                self._end(job, Outcome.UNKNOWN, Reason.NONE)
+        elif self._may_repeat(job, now):
+            self._queue.put(job, first=True)
+        else:
+            self._end(job, Outcome.UNKNOWN, Reason.NONE)
+
+    def _retries_of(self, job: Job) -> int:
+        return self._retries if job.retries is None else job.retries
+
+
+def _was_begun(job: Job) -> bool:
+    """Whether the device said of its latest attempt that it has begun it, or did not say that it has not."""
+    return job.code is not None and exception(job.code).meaning is Meaning.OPEN
+
+
+def _is_wanted(job: Job, now: float) -> bool:
+    return not job.caller_cancelled and (job.expires_at is None or job.expires_at > now)
+
+
+def _pause(times: int) -> float:
+    return _BUSY_PAUSE * 2.0 ** (times - 1)

@@ -24,6 +24,16 @@ from rs485bus.wire.frames import Request
 _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
     Reason.CANCELLED: (NotSent, "its caller was cancelled before it could be sent"),
     Reason.EXPIRED: (NotSent, "its time was over before it could be sent. Ask less often, or allow more time"),
+    Reason.OWED: (
+        NotSent,
+        "its time was over while a late reply could still arrive that would have been taken for its answer. Its device "
+        "left a request unanswered before: allow more time, and look for what the line loses",
+    ),
+    Reason.STOPPING: (
+        NotSent,
+        "its time was over while the axis was being stopped. Await its stop() first; if that is not confirmed, look at "
+        "the machine",
+    ),
     Reason.STOPPED: (NotSent, "the axis was stopped first"),
     Reason.EMERGENCY: (
         EmergencyStopped,
@@ -51,6 +61,10 @@ _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
     Reason.QUEUE_FULL: (QueueFull, "too many requests wait already. Ask for less at once"),
     Reason.CLOSED: (BusClosed, "the bus is closed"),
 }
+_MEANWHILE = {
+    Reason.UNPLUGGED: " The port was lost meanwhile.",
+    Reason.UNAWAITED: " Its time was over before the device had to answer: allow more time.",
+}
 _ILLEGAL_FUNCTION = 1
 _UNKNOWN_TO_IT = (_ILLEGAL_FUNCTION, 2)
 
@@ -77,8 +91,7 @@ def failure(job: Job, records: Sequence[Record], family: str | None = None) -> R
         error, why = _NOT_SENT[job.reason]
         return error(f"Not sent, {why}: {what}.", **details)
     again = f" It was not sent again, {_NOT_SENT[job.reason][1]}." if job.reason in _NOT_SENT else ""
-    if job.reason is Reason.UNPLUGGED:
-        again = " The port was lost meanwhile."
+    again = _MEANWHILE.get(job.reason, again)
     if job.outcome is Outcome.NO_REPLY:
         return NoReply(
             f"No reply, {_sent(job)}: {what}.{again} {_check(job)} The request may be repeated safely.", **details

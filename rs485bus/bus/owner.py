@@ -6,6 +6,7 @@ attempts of a job the queue decides anew; a stop waits for nothing but the end o
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
@@ -19,6 +20,7 @@ from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.queue import GONE, Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.scheduler import Scheduler
+from rs485bus.bus.schedule.timers import Timer, Timers
 from rs485bus.bus.stopping.halt import Halt, Procedure
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
@@ -30,6 +32,8 @@ from rs485bus.wire.registers import Repeat
 from rs485bus.wire.timing import LineSettings
 
 T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
 
 FOREVER = float("inf")
 _STOPS = (Urgency.STOP,)
@@ -64,12 +68,13 @@ class Owner:
         self._wake = FOREVER
         self._lead = 0.0
         self._after_stops: list[Callable[[], None]] = []
-        self._clockwork = Scheduler(lambda job: self.submit(job, self.now), now)
+        self._timers = Timers()
+        self._procedures = Scheduler(lambda job: self.submit(job, self.now), self._timers, now)
 
     @property
     def wake(self) -> float:
         """When `tick` wants to be called next. Every call may bring that forward; none but `tick` puts it off."""
-        return min(self._wake, self._clockwork.next_at, self.feeding.over_at)
+        return min(self._wake, self._timers.next_at, self.feeding.over_at)
 
     # Jobs and what is done later
 
@@ -82,12 +87,14 @@ class Owner:
             reason = Reason.QUEUE_FULL
         if reason is Reason.NONE and job.slot is not None:
             reason = self.starts.join(job)
+        if reason is Reason.NONE and job.expires_at is not None and job.expires_at <= now:
+            reason = Reason.EXPIRED
         if reason is not Reason.NONE:
             self._end(job, Outcome.NOT_SENT, reason)
             return
         self._queue.put(job)
         if job.expires_at is not None:
-            self.at(job.expires_at, lambda: self._give_up(job, Reason.EXPIRED))
+            job.timer = self.at(job.expires_at, lambda: self._expire(job))
         if self.pair.job is None:
             self._wake = min(self._wake, self.pair.quiet_at - self._lead)
         elif job.urgency is Urgency.STOP:
@@ -97,13 +104,14 @@ class Owner:
         """The caller has gone. What was not sent never will be; what is on the wire is finished, not repeated."""
         self.now = now
         job.caller_cancelled = True
-        if job.read_back is not None:
-            job.read_back.caller_cancelled = True
-        self._give_up(job, Reason.CANCELLED)
+        waiting = job.read_back or job
+        waiting.caller_cancelled = True
+        if job.urgency is not Urgency.STOP and self._queue.remove(waiting):
+            self._drop(waiting, Reason.CANCELLED)
 
-    def at(self, when: float, callback: Callable[[], None]) -> None:
+    def at(self, when: float, callback: Callable[[], None]) -> Timer:
         """Call back when the time has come."""
-        self._clockwork.at(when, callback)
+        return self._timers.at(when, callback)
 
     def after_stops(self, callback: Callable[[], None]) -> None:
         """Call back, in a `tick`, as soon as all stops that wait are on the wire, or the port is lost."""
@@ -111,7 +119,7 @@ class Owner:
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Drive a procedure to its end, whatever becomes of who started it."""
-        self._clockwork.start(procedure, done)
+        self._procedures.start(procedure, done)
 
     # The wire
 
@@ -130,7 +138,8 @@ class Owner:
         """
         self.now = now
         self._lead = lead
-        self._clockwork.run(now)
+        self._procedures.now = now
+        self._timers.run(now)
         for watch in self.feeding.overdue(now):
             self.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
         pair, job, frame, wake = self.pair, None, None, FOREVER
@@ -184,7 +193,7 @@ class Owner:
         if self.pair.job is not None:
             self._unanswered("lost")
         self._flush(self._queue, lambda _: True, Reason.CLOSED)
-        self._clockwork.clear()
+        self._timers.clear()
         self._stops_are_out()
 
     # Stopping
@@ -403,9 +412,7 @@ class Owner:
             return
         if how == "no reply" and not job.internal:
             self.units.missed(unit, self.now, self.config.offline_after)
-        safe = job.repeat is Repeat.SAFE or not job.request.writes
-        reason = Reason.UNPLUGGED if how == "lost" else Reason.NONE
-        self._end(job, Outcome.NO_REPLY if safe else Outcome.UNKNOWN, reason)
+        self._end(job, _silence_of(job), Reason.UNPLUGGED if how == "lost" else Reason.NONE)
 
     def _fed_nothing(self, job: Job) -> None:
         """The job's latest attempt was not acknowledged."""
@@ -415,11 +422,19 @@ class Owner:
 
     # How jobs end
 
-    def _give_up(self, job: Job, reason: Reason) -> None:
-        """End a job that still waits, unless it is a stop."""
+    def _expire(self, job: Job) -> None:
+        """Its time is over. On the wire it is waited for on, but its caller is told."""
         waiting = job.read_back or job
-        if job.urgency is not Urgency.STOP and job.outcome is None and self._queue.remove(waiting):
-            self._drop(waiting, reason)
+        if self._queue.remove(waiting):
+            self._drop(waiting, self._why_it_waits(waiting))
+        elif job.outcome is None:
+            self._end(job, _silence_of(job), Reason.UNAWAITED)
+
+    def _why_it_waits(self, job: Job) -> Reason:
+        """What keeps a job in the queue."""
+        if not self.gate.connected:
+            return Reason.UNPLUGGED
+        return self.gate.hindrance(job, self.now)
 
     def _flush(self, jobs: Iterable[Job], which: Callable[[Job], bool], reason: Reason) -> None:
         for job in list(jobs):
@@ -435,11 +450,19 @@ class Owner:
             self._end(job, Outcome.NOT_SENT if job.code is None else Outcome.REFUSED, reason)
 
     def _end(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
+        if job.outcome is not None:
+            return  # its caller has not waited for the end of what is on the wire
         job.outcome = outcome
         job.reason = reason
         job.ended_at = self.now
+        if job.timer is not None:
+            self._timers.cancel(job.timer)
+            job.timer = None
         if job.on_end is not None:
-            job.on_end(job)
+            try:
+                job.on_end(job)
+            except Exception:
+                _log.exception("what was to be called at the end of a request failed: %s", job.request)
         if job.slot is not None:
             self.starts.ended(job)
 
@@ -447,3 +470,9 @@ class Owner:
         record, crc_errors = self.pair.record(job, reply, outcome, now)
         self.journal.unit(job.address).crc_errors += crc_errors
         self.journal.add(record)
+
+
+def _silence_of(job: Job) -> Outcome:
+    """What it means that a job was sent and not answered."""
+    safe = job.repeat is Repeat.SAFE or not job.request.writes
+    return Outcome.NO_REPLY if safe else Outcome.UNKNOWN

@@ -26,8 +26,9 @@ from rs485bus.wire.registers import Repeat
 class Unit:
     """One device, as plain Modbus.
 
-    `timeout` is how long the request may take from the call to its last repetition, in seconds: it waits in the queue
-    no longer than that, and is not repeated after it. None for no limit.
+    `timeout` is how long the request may take, in seconds, from the call to its end: what still waits then is not sent,
+    what is on the wire is not waited for any longer. 0 or less is over at once; None or infinity is no limit, but that
+    for the port, if it is gone, nobody waits longer than 30 s.
 
     Every method raises `DeviceRefused`, `NotSent` (and what is derived from it), `NoReply` or `OutcomeUnknown`; and,
     before anything is sent, `ValueError` where an argument is out of its range and `TypeError` where it is of a wrong

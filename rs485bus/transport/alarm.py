@@ -18,6 +18,8 @@ _FOREVER = float("inf")
 _MARGIN = 0.000_01
 """Seconds by which what is woken for should be ready too early on average, so that it is seldom late."""
 _LONGEST_LEAD = 0.000_25
+_LATEST = 1e9
+"""Seconds since the computer was started that a timer can be set to."""
 _FAR = 0.004
 """Seconds within which the loop's own timer, late as it may be, is not relied on."""
 
@@ -124,7 +126,8 @@ class TimerfdAlarm:
 
     def _arm(self, when: float) -> None:
         self._armed_at = when
-        _settime(self._fd, max(when, 1e-9))  # the time 0 would disarm it; what is past is due at once
+        # The time 0 would disarm it; what is past is due at once. And the system knows no time that is ages away.
+        _settime(self._fd, min(max(when, 1e-9), _LATEST))
 
     def _stop_looking(self) -> None:
         self._looks_at = _FOREVER

@@ -77,3 +77,10 @@ def test_it_comes_back_to_a_far_time_after_a_near_one(loop: Loop, alarm: Timerfd
     time.sleep(0.002)
     loop.fire()
     assert len(loop.timers) == 1
+
+
+@pytest.mark.parametrize("far", [1e12, 1e30, float(sys.maxsize)])
+def test_a_time_that_nobody_lives_to_see_can_be_set(loop: Loop, alarm: TimerfdAlarm, far: float) -> None:
+    alarm.set(loop.time() + far)
+    alarm.set(loop.time() + 0.001)
+    assert alarm._armed_at < loop.time() + 1.0

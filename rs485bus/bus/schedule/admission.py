@@ -86,3 +86,12 @@ class AdmissionControl:
             unit.late.expire(now)
             return unit.late.must_wait(job.request, job)
         return READY
+
+    def hindrance(self, job: Job, now: float) -> Reason:
+        """Why a job that may be sent has not been by now."""
+        if self.wait(job, now) <= now:
+            return Reason.EXPIRED  # others had the wire
+        unit = self._units[job.address]
+        if any(hearing.halt for hearing in self._hearing(job)) or unit.silent_until > now:
+            return Reason.STOPPING
+        return Reason.OWED if unit.late else Reason.EXPIRED

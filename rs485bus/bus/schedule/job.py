@@ -6,6 +6,7 @@ import enum
 from collections.abc import Callable
 
 from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.timers import Timer
 from rs485bus.bus.schedule.verification import Verification
 from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.frames import BROADCAST, Request
@@ -46,7 +47,13 @@ class Reason(enum.Enum):
     CANCELLED = enum.auto()
     """Its caller was."""
     EXPIRED = enum.auto()
-    """Its time was over."""
+    """Its time was over while others had the wire."""
+    UNAWAITED = enum.auto()
+    """It was sent, and its time was over before its device had to answer."""
+    OWED = enum.auto()
+    """Its time was over while a late reply of its device could have been taken for its answer."""
+    STOPPING = enum.auto()
+    """Its time was over while what it is meant for was being stopped."""
     STOPPED = enum.auto()
     """What it is meant for was."""
     EMERGENCY = enum.auto()
@@ -79,7 +86,7 @@ class Job:
         moves: it could set a motor in motion. Such jobs are refused while the bus is latched.
         motion: what it is meant for; a stop of that drops the job.
         reply_timeout: seconds the device may take to answer; None for what the device or the bus is set to.
-        expires_at: when it is not worth sending any more, on the owner's clock.
+        expires_at: when it must have ended, on the owner's clock.
         tolerant: its reply is no evidence of anything, so that it need not wait for late replies.
         internal: the bus' own; neither flushed nor refused because of the state of the device or the bus.
         retries: how often it may be repeated; None for what the bus is set to.
@@ -117,6 +124,7 @@ class Job:
         "retries",
         "sent_at",
         "slot",
+        "timer",
         "unanswered",
         "urgency",
         "verify",
@@ -162,6 +170,8 @@ class Job:
         """The read-back that is waited for, while the write itself waits for its outcome."""
         self.read_backs = 0
         self.on_end = on_end
+        self.timer: Timer | None = None
+        """What ends it when its time is over."""
         self.queued_at = 0.0
         self.sent_at = 0.0
         """When its latest attempt was sent."""

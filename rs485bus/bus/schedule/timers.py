@@ -1,0 +1,83 @@
+"""What is to be called at a time. Pure.
+
+A timer that was cancelled holds nothing, and its place is given back before long: a million requests that were
+answered long before their time was over leave nothing behind.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable
+
+_FEW = 64
+"""Cancelled timers that are not worth being tidied up."""
+
+
+class Timer:
+    """One call to come."""
+
+    __slots__ = ("callback",)
+
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self.callback: Callable[[], None] | None = callback
+        """None once it was called or cancelled."""
+
+
+class Timers:
+    """The calls to come, the earliest first."""
+
+    __slots__ = ("_cancelled", "_heap", "_number")
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[float, int, Timer]] = []
+        self._number = itertools.count()
+        self._cancelled = 0
+        """How many of those in the heap were cancelled."""
+
+    def __len__(self) -> int:
+        return len(self._heap)
+
+    @property
+    def next_at(self) -> float:
+        """When the next one is due."""
+        return self._heap[0][0] if self._heap else float("inf")
+
+    def at(self, when: float, callback: Callable[[], None]) -> Timer:
+        """Call back when the time has come."""
+        timer = Timer(callback)
+        heapq.heappush(self._heap, (when, next(self._number), timer))
+        return timer
+
+    def cancel(self, timer: Timer) -> None:
+        """Do not call back, if that has not happened yet."""
+        if timer.callback is None:
+            return
+        timer.callback = None
+        self._cancelled += 1
+        heap = self._heap
+        if self._cancelled > _FEW and 2 * self._cancelled > len(heap):
+            self._heap = [entry for entry in heap if entry[2].callback is not None]
+            heapq.heapify(self._heap)
+            self._cancelled = 0
+            return
+        while heap and heap[0][2].callback is None:
+            heapq.heappop(heap)
+            self._cancelled -= 1
+
+    def run(self, now: float) -> None:
+        """Call what is due."""
+        while self._heap and self._heap[0][0] <= now:
+            timer = heapq.heappop(self._heap)[2]
+            callback, timer.callback = timer.callback, None
+            if callback is None:
+                self._cancelled -= 1
+            else:
+                callback()
+
+    def clear(self) -> None:
+        """Call nothing of all that."""
+        for _, _, timer in self._heap:
+            timer.callback = None
+        self._heap = []
+        self._cancelled = 0

@@ -4,7 +4,8 @@ A driver written for `AsyncModbusSerialClient` runs on a bus that others use too
 
     client = BusClient(bus)    # was: AsyncModbusSerialClient("/dev/ttyUSB0", baudrate=38400)
 
-What pymodbus does and this does not: a write that is not answered is not repeated.
+What pymodbus does and this does not: a write that is not answered is not repeated, and `device_id=0` is for writes that
+no family on the bus takes for its own but the one they are meant for. Others raise `BroadcastRefused`.
 """
 
 from __future__ import annotations
@@ -13,13 +14,20 @@ from collections.abc import Awaitable
 from types import TracebackType
 
 from pymodbus.client.mixin import ModbusClientMixin
-from pymodbus.exceptions import ConnectionException, ModbusIOException
+from pymodbus.exceptions import ConnectionException, ModbusIOException, ParameterException
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 
 from rs485bus.bus.bus import Bus
-from rs485bus.errors import BusClosed, DeviceRefused, RequestFailed
+from rs485bus.errors import BroadcastConflict, BusClosed, DeviceRefused, RequestFailed
 from rs485bus.wire.frames import from_pdu
 from rs485bus.wire.registers import Repeat
+
+
+class BroadcastRefused(ParameterException, BroadcastConflict):
+    """A request to `device_id=0` is a read, or a family would act on it that it was not meant for. Nothing was sent.
+
+    It is pymodbus' exception for what cannot be asked, and this package's for broadcasts.
+    """
 
 
 class BusClient(ModbusClientMixin[Awaitable[ModbusPDU]]):
@@ -71,11 +79,15 @@ class BusClient(ModbusClientMixin[Awaitable[ModbusPDU]]):
             reply = await self._bus.ask(frame, repeat=repeat, moves=frame.writes)
         except DeviceRefused as refused:
             return ExceptionResponse(request.function_code, refused.code or 0, device_id=request.dev_id)
+        except BroadcastConflict as error:
+            raise BroadcastRefused(str(error)) from error
         except BusClosed as error:
             raise ConnectionException(str(error)) from error
         except RequestFailed as error:
             if no_response_expected:
                 return request
+            if error.code is not None:  # the frame that came, as pymodbus gives it
+                return ExceptionResponse(request.function_code, error.code, device_id=request.dev_id)
             raise ModbusIOException(str(error)) from error
         if not reply:
             return request  # a broadcast: nobody answers

@@ -36,8 +36,8 @@ class AddressInUse(BusError):
     """A second facade was made for an address that has one."""
 
 
-class BroadcastConflict(BusError):
-    """A broadcast would be acted on by a family it was not meant for."""
+class BroadcastConflict(BusError, ValueError):
+    """A broadcast is a read, or would be acted on by a family that it was not meant for. Nothing was sent."""
 
 
 class LimitExceeded(BusError, ValueError):
@@ -77,8 +77,9 @@ class LoopNotRunning(WrongThread):
 class RequestFailed(BusError):
     """A request did not end in a reply.
 
-    `address` is the unit asked, `request` the frame (empty if none was made), `attempts` how often it was sent.
-    `records` holds the latest transactions on the bus where they help to find out what happened.
+    `address` is the unit asked, `request` the frame (empty if none was made), `attempts` how often it was sent,
+    `code` the Modbus exception code that answered its last attempt; None if none did. `records` holds the latest
+    transactions on the bus where they help to find out what happened.
     """
 
     def __init__(
@@ -88,24 +89,22 @@ class RequestFailed(BusError):
         address: int = 0,
         request: bytes = b"",
         attempts: int = 0,
+        code: int | None = None,
         records: Sequence[Any] = (),
     ) -> None:
         super().__init__(message)
         self.address = address
         self.request = request
         self.attempts = attempts
+        self.code = code
         self.records = tuple(records)
 
 
 class DeviceRefused(RequestFailed):
     """The device said no. It was not done; of a block, the message says, a part may have been written.
 
-    `code` is the Modbus exception code, or None where the family refuses in a normal reply.
+    `code` is None where the family refuses in a normal reply.
     """
-
-    def __init__(self, message: str, *, code: int | None = None, **details: Any) -> None:
-        super().__init__(message, **details)
-        self.code = code
 
 
 class NotSent(RequestFailed):

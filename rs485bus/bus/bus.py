@@ -21,6 +21,7 @@ from rs485bus.bus.schedule.verification import Verification
 from rs485bus.bus.stopping.halt import Halted, Procedure, unconfirmed
 from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
+from rs485bus.bus.units.broadcast import is_broadcast, moved_by
 from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.watchdog.guard import WatchdogGuard, warn_of
 from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop, shut_down
@@ -233,15 +234,21 @@ class Bus:
         reply_timeout: float | None = None,
         slot: BurstSlot | None = None,
         verify: Verification | None = None,
+        family: str | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it. Raises as described at `Unit`.
 
         One with a `slot` goes out with others, as one, and as what starts a group. With `verify` and `repeat=VERIFY` a
         write that is not answered is read back, and repeated where that shows that it was not carried out; empty is
-        returned where that shows that it was.
+        returned where that shows that it was. `family` names the one that a broadcast is meant for.
+
+        Raises:
+            BroadcastConflict: a broadcast is a read, or a device of another family would act on it.
         """
         attached = self._owner.units[request.address].attached
-        if motion is None and moves:
+        if is_broadcast(request):
+            moves, motion = True, moved_by(request, self.devices, family)
+        elif motion is None and moves:
             motion = None if attached is None else attached.motion
         ended = self._loop.create_future()
         job = Job(

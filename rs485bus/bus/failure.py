@@ -73,6 +73,7 @@ class _Details(TypedDict):
     address: int
     request: bytes
     attempts: int
+    code: int | None
 
 
 def failure(job: Job, records: Sequence[Record], family: str | None = None) -> RequestFailed:
@@ -83,10 +84,10 @@ def failure(job: Job, records: Sequence[Record], family: str | None = None) -> R
         records: the latest transactions on the bus.
         family: what the device is taken for; None where it has no facade.
     """
-    details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts)
+    details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts, code=job.code)
     what = str(job.request)
     if job.outcome is Outcome.REFUSED:
-        return DeviceRefused(_refused(job, family), code=job.code, **details)
+        return DeviceRefused(_refused(job, family), **details)
     if job.outcome is Outcome.NOT_SENT:
         error, why = _NOT_SENT[job.reason]
         return error(f"Not sent, {why}: {what}.", **details)

@@ -63,5 +63,6 @@ class BusProtocol(Protocol):
         motion: Motion | None = None,
         reply_timeout: float | None = None,
         verify: Verification | None = None,
+        family: str | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it."""

@@ -8,8 +8,6 @@ from rs485bus.arguments import choice, real
 from rs485bus.bus.protocol import BusProtocol
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.schedule.verification import Verification, holds
-from rs485bus.bus.units.motion import Motion
-from rs485bus.errors import BroadcastConflict
 from rs485bus.wire.frames import (
     BROADCAST,
     Request,
@@ -145,12 +143,4 @@ class Broadcast:
         await self._send(write_multiple(BROADCAST, address, values), family)
 
     async def _send(self, request: Request, family: str | None) -> None:
-        hearing = [device for device in self._bus.devices if device.hears(request)]
-        families = sorted({device.family for device in hearing})
-        if families and families != [family or families[0]]:
-            raise BroadcastConflict(
-                f"Register 0x{request.register:04X} means something to {' and '.join(families)} devices on this bus"
-                f"{'' if family is None else f', not only to {family}'}. Write to the devices one by one instead."
-            )
-        motion = Motion(device.motion for device in hearing) if hearing else None
-        await self._bus.ask(request, repeat=Repeat.NEVER, moves=True, motion=motion)
+        await self._bus.ask(request, repeat=Repeat.NEVER, family=family)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import anyio
 
 from rs485bus.devices.mks import registers as r
+from rs485bus.devices.mks.adapter import FAMILY
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.devices.mks.servo import MksServo
 from rs485bus.errors import DeviceRefused, MotionError, NoReply
@@ -76,7 +77,7 @@ async def verify_watchdog(
 
     async def broadcasts() -> None:
         # Releasing a stall that is none does nothing.
-        await servo.bus.ask(write(BROADCAST, r.RELEASE_STALL, 1), repeat=Repeat.NEVER)
+        await servo.bus.ask(write(BROADCAST, r.RELEASE_STALL, 1), repeat=Repeat.NEVER, family=FAMILY)
         await anyio.sleep(every)
 
     await servo.enable()

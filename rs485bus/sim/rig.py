@@ -31,6 +31,7 @@ class Rig:
         turnaround: seconds the devices take before they answer.
         gateway: as for `Owner`.
         keep_frames: whether to keep them.
+        on_send: told of each frame, and when it begins.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class Rig:
         turnaround: float = 0.002,
         gateway: bool = False,
         keep_frames: bool = True,
+        on_send: Callable[[bytes, float], None] | None = None,
     ) -> None:
         self.now = 100.0
         self.pair = VirtualPair(devices, line, noise, seed, turnaround)
@@ -50,6 +52,8 @@ class Rig:
         self.owner = Owner(line, config, self.now - 1, gateway=gateway)
         self.sent: list[tuple[float, bytes]] = []
         self._keep = keep_frames
+        self._on_send = on_send
+        self._connected = True
         self._calls: list[tuple[float, int, Callable[[], None]]] = []
         self._number = itertools.count()
 
@@ -80,8 +84,19 @@ class Rig:
         while self._calls and self._calls[0][0] <= self.now:
             heapq.heappop(self._calls)[2]()
         for piece in self.pair.advance(self.now):
-            self.owner.feed(piece, self.now)
+            if self._connected:
+                self.owner.feed(piece, self.now)
         self._tick()
+
+    def unplug(self) -> None:
+        """The port is lost."""
+        self._connected = False
+        self.owner.unplugged(self.now)
+
+    def plug(self) -> None:
+        """The port is there again."""
+        self._connected = True
+        self.owner.plugged(self.now)
 
     def done(self, *jobs: Job, within: float = 60.0) -> None:
         """Let time pass until the jobs have ended."""
@@ -93,4 +108,6 @@ class Rig:
         if frame is not None:
             if self._keep:
                 self.sent.append((self.now, frame))
+            if self._on_send is not None:
+                self._on_send(frame, self.owner.send_at)
             self.pair.transmit(frame, self.owner.send_at)

@@ -2,10 +2,10 @@
 
 import pytest
 
+from rs485bus.bus.line.pending import PendingReplies
+from rs485bus.bus.schedule.job import Job
 from rs485bus.sim import Noise
-from rs485bus.sim.campaign import HOSTILE, Campaign
-
-ECHOING = Noise(**{**{name: getattr(HOSTILE, name) for name in HOSTILE.__slots__}, "echo": True})
+from rs485bus.sim.campaign import ECHOING, HOSTILE, Campaign, kinds_of
 
 
 @pytest.mark.parametrize(("seed", "noise"), [(1, HOSTILE), (2, HOSTILE), (3, ECHOING)])
@@ -18,3 +18,31 @@ def test_a_short_campaign(seed: int, noise: Noise) -> None:
     assert sum(verdict.outcomes.values()) == 5_000
     assert verdict.late_replies > 50
     assert max(map(len, str(verdict).splitlines())) < 80
+
+
+def test_a_short_campaign_behind_a_gateway() -> None:
+    verdict = Campaign(5_000, seed=5, gateway=True).run()
+    assert verdict.is_good, verdict.wrong[:5]
+    assert verdict.events["stops"] > 30
+    assert verdict.events["unpluggings"] > 1
+
+
+def test_lines_of_all_kinds_take_part_where_many_campaigns_are_run() -> None:
+    kinds = [kinds_of(seed) for seed in range(3)]
+    assert {(kind["noise"] is ECHOING, kind["gateway"]) for kind in kinds} == {
+        (False, False),
+        (True, False),
+        (False, True),
+    }
+
+
+def test_the_campaign_finds_what_moves_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Job, "is_stale", property(lambda job: False))
+    verdict = Campaign(3_000, units=4, seed=1).run()
+    assert any("older than a stop" in fault for fault in verdict.wrong)
+
+
+def test_the_campaign_finds_late_replies_that_are_taken_for_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PendingReplies, "must_wait", lambda *_: 0.0)
+    verdict = Campaign(5_000, units=2, seed=1).run()
+    assert any("the answer to another request" in fault for fault in verdict.wrong)

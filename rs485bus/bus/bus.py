@@ -7,7 +7,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Coroutine, Sequence
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
@@ -27,8 +27,8 @@ from rs485bus.bus.watchdog.guard import WatchdogGuard, warn_of
 from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop, shut_down
 from rs485bus.errors import AddressInUse, BusClosed, BusError, LoopNotRunning, PortError, WrongThread
 from rs485bus.transport.interface import Transport
-from rs485bus.wire.frames import Request, unit_address
-from rs485bus.wire.registers import Repeat
+from rs485bus.wire.frames import Request
+from rs485bus.wire.registers import Register, Repeat
 
 T = TypeVar("T")
 
@@ -67,12 +67,35 @@ class Bus:
 
     # What one does with it
 
-    def unit(self, address: int) -> Unit:
-        """Plain Modbus to the device at `address` (1..247)."""
-        address = unit_address(address)
-        unit = self._units.get(address)
-        if unit is None:
-            unit = self._units[address] = Unit(self, address)
+    def unit(
+        self,
+        address: int,
+        *,
+        reply_timeout: float | None = None,
+        pause: float | None = None,
+        probe: Register[Any] | Literal[False] | None = None,
+        allow_reserved_address: bool = False,
+    ) -> Unit:
+        """Plain Modbus to the device at `address` (1..247).
+
+        What is given holds for every request to it from now on, whoever sends it; what is not given stays as it was.
+
+        Args:
+            address: its address.
+            reply_timeout: seconds it may take to begin an answer, 0.001..10; at first what the bus is set to.
+            pause: seconds of quiet on the pair that it wants before a request, 0..1; at first what all get.
+            probe: a register that may be read at any time to see whether it answers; False where nothing may be read
+                unasked, because reading clears something, say.
+            allow_reserved_address: 248..255 may be its address, too. The specification reserves them; some devices can
+                be set to one.
+
+        Raises:
+            ValueError, TypeError: an argument out of its range, or of a wrong type.
+            WatchdogInfeasible: a guarded device could not be waited for as long as that while a watchdog is armed.
+        """
+        unit = Unit(self, address, allow_reserved_address=allow_reserved_address)
+        unit = self._units.setdefault(unit.address, unit)
+        unit.adjust(reply_timeout, pause, probe)
         return unit
 
     def watchdog(self, *axes: BusMember, timeout: float, lease: float | None = None) -> WatchdogGuard:
@@ -232,6 +255,7 @@ class Bus:
         moves: bool = False,
         motion: Motion | None = None,
         reply_timeout: float | None = None,
+        pause: float | None = None,
         slot: BurstSlot | None = None,
         verify: Verification | None = None,
         family: str | None = None,
@@ -258,6 +282,7 @@ class Bus:
             moves=moves,
             motion=motion,
             reply_timeout=reply_timeout,
+            pause=pause,
             slot=slot,
             verify=verify,
             expires_at=None if timeout in (None, math.inf) else self._loop.time() + timeout,

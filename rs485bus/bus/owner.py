@@ -17,7 +17,7 @@ from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.burst_scheduler import BurstScheduler
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.schedule.queue import GONE, Queue
+from rs485bus.bus.schedule.queue import GONE, READY, Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.scheduler import Scheduler
 from rs485bus.bus.schedule.timers import Timer, Timers
@@ -58,9 +58,9 @@ class Owner:
         self.journal = Journal()
         self.feeding = Feeding()
         self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window)
-        self.gate = AdmissionControl(line, self.units, self.feeding)
         silence = config.tcp_gap if gateway else line.t35
         self.pair = SerialLine(line, silence, None if config.echo == "auto" else config.echo, now)
+        self.gate = AdmissionControl(self.pair, self.units, self.feeding)
         self._queue = Queue()
         self._repeating = Repeating(config.retries, self._queue, self._end)
         self.starts = BurstScheduler(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
@@ -281,6 +281,10 @@ class Owner:
             return job, wake
         if self.now < self._turnaround_until:
             return None, min(wake, self._turnaround_until)
+        if self.gate.pauses.held is not None and not self.starts:
+            job, again = self._keep_quiet()
+            if again > self.now or job is not None:
+                return job, min(wake, again)
         watch = self.feeding.due(self.now)
         kept = False
         if self.starts and (watch is None or not self.starts.gives_way(self.now)):
@@ -289,22 +293,22 @@ class Owner:
                 return job, again
             wake = min(wake, again)
         if watch is not None:
-            return next_feed(watch, self._queue, self.units, self._admit, self.now), wake
+            return self._feed(watch, wake)
         wake = min(wake, self.feeding.look_at)
         job, again = self._queue.take(self._admit, _SOON)
         if job is not None or kept:
             return job, min(wake, again)
         # Looking for lost units is rationed; what is due of it is not put off by traffic.
         lost = self.units.to_probe(self.now)
-        if lost is not None:
-            return self._look_for(lost), wake
+        if lost is not None and (job := self._look_for(lost)) is not None:
+            return job, wake
         wake = min(wake, again)
         job, again = self._queue.take_rest(self._admit)
         if job is not None:
             return job, again
         watch = self.feeding.soon(self.now)
         if watch is not None:
-            return next_feed(watch, self._queue, self.units, self._admit, self.now), wake
+            return self._feed(watch, wake)
         wake = min(wake, again, self.units.to_probe_at(self.now))
         if not self.gate.settled:
             # Only writes wait, and they wait for a read: nobody answers that with its own bytes.
@@ -313,6 +317,26 @@ class Owner:
                 return self._look_for(self.units[writing.address or 1]), wake
         return None, wake
 
+    def _feed(self, watch: ArmedWatchdog, wake: float) -> tuple[Job | None, float]:
+        """What feeds a watchdog, once the pair was quiet for as long as its device wants."""
+        pause = self.units[watch.address].pause
+        if pause and (again := self.gate.pauses.quiet_for(pause)) > self.now:
+            return None, min(wake, again)
+        return next_feed(watch, self._queue, self.units, self._admit, self.now), wake
+
+    def _keep_quiet(self) -> tuple[Job | None, float]:
+        """The job that the pair is kept quiet for, if it may go, or when to ask again; neither if it is not kept."""
+        job = self.gate.pauses.held
+        assert job is not None
+        verdict = GONE if job.outcome is not None else self._admit(job)
+        if verdict == self.gate.pauses.until:
+            return None, verdict
+        self.gate.pauses.held = None  # its turn has come, or it waits for something else
+        if verdict > READY:
+            return None, 0.0
+        self._queue.remove(job)
+        return (job if verdict == READY else None), 0.0
+
     def _admit(self, job: Job) -> float:
         reason = self.gate.refusal(job)
         if reason is not Reason.NONE:
@@ -320,10 +344,18 @@ class Owner:
             return GONE
         return self.gate.wait(job, self.now)
 
-    def _look_for(self, unit: UnitState) -> Job:
-        """A read that only asks whether anybody answers."""
+    def _look_for(self, unit: UnitState) -> Job | None:
+        """A read that only asks whether anybody answers; None if it goes once the pair was quiet for long enough."""
         request = unit.harmless_read()
-        return Job(request, urgency=Urgency.POLL, ignores_late_replies=True, internal=True, retries=0)
+        longest = self.gate.longest_wait(request)
+        job = Job(request, urgency=Urgency.POLL, ignores_late_replies=True, internal=True, retries=0)
+        if longest < unit.reply_timeout:
+            job.reply_timeout = longest
+        if not unit.pause:
+            return job
+        if not self._queue.has(Urgency.POLL, unit.address):
+            self.submit(job, self.now)
+        return None
 
     # One transaction
 
@@ -336,11 +368,11 @@ class Owner:
         unit = self.units[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
         self.pair.begin(job, start, timeout, self.units.late(self.now))
-        if job.is_broadcast:
+        if not job.expects_reply:
             sent = self.pair.quiet_at - self.pair.silence
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
             self._turnaround_until = max(self._turnaround_until, over)
-            self._note(job, b"", "broadcast", sent)
+            self._note(job, b"", "broadcast" if job.is_broadcast else "sent", sent)
             self.at(over, lambda: self._end(job, Outcome.REPLY))
         elif not job.request.writes:
             unit.last_read = job.request

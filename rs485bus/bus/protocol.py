@@ -64,5 +64,6 @@ class BusProtocol(Protocol):
         reply_timeout: float | None = None,
         verify: Verification | None = None,
         family: str | None = None,
+        pause: float | None = None,
     ) -> bytes:
         """Send a request; return the frame that answers it."""

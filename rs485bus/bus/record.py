@@ -35,7 +35,8 @@ class Record(NamedTuple):
     first_byte_at: float | None
     ended_at: float
     outcome: str
-    """"reply", "refused", "no reply", "cut" (a stop did not wait for the rest of its time), "lost" or "broadcast"."""
+    """"reply", "refused", "no reply", "cut" (a stop did not wait for the rest of its time), "lost", "broadcast", or
+    "sent" (a device that does not answer such a request)."""
 
     @property
     def latency(self) -> float:
@@ -128,7 +129,7 @@ class Journal:
             unit.latencies.append(record.latency)
         elif record.outcome == "refused":
             unit.refusals += 1
-        elif record.outcome != "broadcast":
+        elif record.outcome not in ("broadcast", "sent"):
             unit.timeouts += 1
         for observer in self._observers:
             try:

@@ -2,119 +2,258 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Sequence
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Literal, TypeVar, Unpack, overload
 
-from rs485bus.arguments import choice, real
+from rs485bus.arguments import choice, flag, instance, real
+from rs485bus.bus.diagnostics import DiagnosticFunctions
+from rs485bus.bus.functions import DataFunctions, ReadBack, RequestOptions
 from rs485bus.bus.protocol import BusProtocol
 from rs485bus.bus.schedule.job import Urgency
-from rs485bus.bus.schedule.verification import Verification, holds
+from rs485bus.bus.typed import TypedValues
+from rs485bus.errors import LimitExceeded
+from rs485bus.wire import convert
+from rs485bus.wire.combining import spans
 from rs485bus.wire.frames import (
     BROADCAST,
+    HIGHEST_ADDRESS,
+    MAX_ADDRESS,
     Request,
-    read_holding,
-    read_input,
-    registers,
     unit_address,
     write_multiple,
     write_single,
 )
-from rs485bus.wire.registers import Repeat
+from rs485bus.wire.private import Reply, private_request, reply_data
+from rs485bus.wire.registers import Register, Repeat
+
+T = TypeVar("T")
+A = TypeVar("A")
+B = TypeVar("B")
+C = TypeVar("C")
+
+_OPTIONS: Final = frozenset(RequestOptions.__optional_keys__)
 
 
-class Unit:
-    """One device, as plain Modbus.
+class Unit(DataFunctions, DiagnosticFunctions):
+    """One device, as plain Modbus: all public functions of the specification, with pymodbus' method names.
 
-    `timeout` is how long the request may take, in seconds, from the call to its end: what still waits then is not sent,
-    what is on the wire is not waited for any longer. 0 or less is over at once; None or infinity is no limit, but that
-    for the port, if it is gone, nobody waits longer than 30 s.
+    Every method takes, by keyword:
+
+    - `timeout`: how long it may take, in seconds, from the call to its end: what still waits then is not sent, what is
+      on the wire is not waited for any longer. 0 or less is over at once; None or infinity is no limit, but that for
+      the port, if it is gone, nobody waits longer than 30 s.
+    - `repeat`: whether it may be sent again when no reply comes: SAFE (what changes nothing), NEVER (what does), or
+      VERIFY (a read-back tells whether it happened).
+    - `urgency`: its place among the others, COMMAND unless it is said.
+    - `reply_timeout`: how long the device may take to begin its answer, in seconds (0.001..10).
+    - `pause`: how long the pair is quiet before the request, in seconds (0..1), where that is more than usual.
+
+    The latter two hold for all requests where they are given to `bus.unit`. What would take the pair for longer than
+    an armed watchdog allows is not sent.
 
     Every method raises `DeviceRefused`, `NotSent` (and what is derived from it), `NoReply` or `OutcomeUnknown`; and,
     before anything is sent, `ValueError` where an argument is out of its range and `TypeError` where it is of a wrong
     type.
     """
 
-    def __init__(self, bus: BusProtocol, address: int) -> None:
+    DATATYPE = convert.DataType
+    convert_from_registers = staticmethod(convert.convert_from_registers)
+    convert_to_registers = staticmethod(convert.convert_to_registers)
+
+    def __init__(self, bus: BusProtocol, address: int, *, allow_reserved_address: bool = False) -> None:
         self._bus = bus
-        self.address = unit_address(address)
+        self.highest = HIGHEST_ADDRESS if flag("allow_reserved_address", allow_reserved_address) else MAX_ADDRESS
+        self.address = unit_address(address, highest=self.highest)
+        self._typed = TypedValues(self, self.share_time, self._may_combine)
 
     def __repr__(self) -> str:
         return f"<unit {self.address}>"
 
-    async def read_holding_registers(
-        self,
-        address: int,
-        count: int = 1,
-        *,
-        urgency: Urgency = Urgency.COMMAND,
-        timeout: float | None = None,
-        repeat: Repeat = Repeat.SAFE,
-    ) -> list[int]:
-        """Read `count` (1..125) registers from `address` (0..65535) on, function 03."""
-        return registers(await self._ask(read_holding(self.address, address, count), urgency, timeout, repeat))
+    # Typed values
 
-    async def read_input_registers(
-        self,
-        address: int,
-        count: int = 1,
-        *,
-        urgency: Urgency = Urgency.COMMAND,
-        timeout: float | None = None,
-        repeat: Repeat = Repeat.SAFE,
-    ) -> list[int]:
-        """Read `count` (1..125) input registers from `address` (0..65535) on, function 04."""
-        return registers(await self._ask(read_input(self.address, address, count), urgency, timeout, repeat))
+    @overload
+    async def read(
+        self, register: Register[T], /, *, gap: int = ..., combine: bool | None = ..., **options: Unpack[RequestOptions]
+    ) -> T: ...
 
-    async def write_register(
+    @overload
+    async def read(
         self,
-        address: int,
-        value: int,
+        first: Register[A],
+        second: Register[B],
+        /,
         *,
-        urgency: Urgency = Urgency.COMMAND,
-        timeout: float | None = None,
-        repeat: Repeat = Repeat.NEVER,
-    ) -> None:
-        """Write `value` (0..65535) to the register at `address`, function 06.
+        gap: int = ...,
+        combine: bool | None = ...,
+        **options: Unpack[RequestOptions],
+    ) -> tuple[A, B]: ...
 
-        It is sent once, unless `repeat` says otherwise: SAFE repeats it blindly, VERIFY reads the register back first.
+    @overload
+    async def read(
+        self,
+        first: Register[A],
+        second: Register[B],
+        third: Register[C],
+        /,
+        *,
+        gap: int = ...,
+        combine: bool | None = ...,
+        **options: Unpack[RequestOptions],
+    ) -> tuple[A, B, C]: ...
+
+    @overload
+    async def read(
+        self, *registers: Register[Any], gap: int = ..., combine: bool | None = ..., **options: Unpack[RequestOptions]
+    ) -> tuple[Any, ...]: ...
+
+    async def read(
+        self,
+        *registers: Register[Any],
+        gap: int = 0,
+        combine: bool | None = None,
+        **options: Unpack[RequestOptions],
+    ) -> Any:
+        """Read the typed value of a register, or those of several: `await unit.read(TEMPERATURE, HUMIDITY)`.
+
+        Neighbours are read with one request. A device that refuses that is asked for each by itself from then on.
+
+        Args:
+            registers: made like `Register("temperature", I16, "°C", step=0.1, address=4)`.
+            gap: how many registers that nobody asked for may lie between two that are read together.
+            combine: whether neighbours may be read together; None: where the device's family allows it.
+            options: as for every request; `timeout` is for all of them.
+
+        Returns:
+            The value of one register, a tuple of those of several.
         """
-        await self._write(write_single(self.address, address, value), [value], urgency, timeout, repeat)
+        values = await self._typed.read(registers, gap, combine, options)
+        return values[0] if len(registers) == 1 else tuple(values)
 
-    async def write_registers(
+    async def write(
         self,
-        address: int,
-        values: Sequence[int],
+        register: Register[T],
+        value: T,
         *,
-        urgency: Urgency = Urgency.COMMAND,
-        timeout: float | None = None,
-        repeat: Repeat = Repeat.NEVER,
+        function: Literal[6, 16] | None = None,
+        **options: Unpack[RequestOptions],
     ) -> None:
-        """Write 1..123 `values` to the registers from `address` on, function 16. `repeat` as for `write_register`."""
-        await self._write(write_multiple(self.address, address, values), values, urgency, timeout, repeat)
+        """Write the typed value of a register, checked against its range. `repeat` as for `write_register`.
 
-    async def _write(
-        self, request: Request, values: Sequence[int], urgency: Urgency, timeout: float | None, repeat: Repeat
-    ) -> None:
-        verify = holds(self.address, request.register, values) if repeat is Repeat.VERIFY else None
-        await self._ask(request, urgency, timeout, repeat, moves=True, verify=verify)
+        Args:
+            register: made like `Register("level", F32, "mm", 0, 500, address=40)`.
+            value: in the register's unit.
+            function: 16 where the device takes no other, 6 for one register; None for 6 where it is one.
+            options: as for every request.
+        """
+        await self._typed.write(register, value, function, options)
 
-    def _ask(
+    # Any function
+
+    async def request(
         self,
-        request: Request,
-        urgency: Urgency,
-        timeout: float | None,
-        repeat: Repeat,
+        function: int,
+        data: bytes = b"",
         *,
-        moves: bool = False,
-        verify: Verification | None = None,
-    ) -> Awaitable[bytes]:
-        return self._bus.ask(
+        reply: Reply,
+        writes: bool = True,
+        **options: Unpack[RequestOptions],
+    ) -> bytes:
+        """Send a request by any function (1..127), a private one say; return the data of its answer.
+
+        Args:
+            function: the function code.
+            data: what follows it, without the CRC.
+            reply: how many bytes of data the answer has after the function code; or "counted" where its first byte
+                tells how many follow it, "echo" where it repeats the request, a function that tells the number from
+                the first bytes of the data (0 while it cannot be told yet), or None where nobody answers.
+            writes: False for what changes nothing in the device: that is repeated when it is lost.
+            options: as for every request.
+        """
+        request = private_request(self.address, function, data, reply, writes=writes, highest=self.highest)
+        return reply_data(await self.ask(request, options))
+
+    # How
+
+    async def ask(self, request: Request, options: RequestOptions, read_back: ReadBack | None = None) -> bytes:
+        """Send a request; return the frame that answers it. `read_back` is for what is repeated by VERIFY."""
+        if not options:
+            repeat = Repeat.NEVER if request.writes else Repeat.SAFE
+            return await self._bus.ask(request, repeat=repeat, moves=request.writes)
+        unknown = options.keys() - _OPTIONS
+        if unknown:
+            known = ", ".join(f"{name}=" for name in sorted(_OPTIONS))
+            raise TypeError(f"{min(unknown)}= is none of {known}, which requests take")
+        usual = Repeat.NEVER if request.writes else Repeat.SAFE
+        repeat = choice("repeat", options.get("repeat", usual), Repeat)
+        verify = read_back() if repeat is Repeat.VERIFY and read_back is not None else None
+        if repeat is Repeat.VERIFY and request.writes and verify is None:
+            raise ValueError(
+                f"function {request.function} cannot be verified: nothing can be read back that tells whether it was "
+                "carried out. Repeat.SAFE repeats it blindly, Repeat.NEVER does not"
+            )
+        timeout, reply_timeout = options.get("timeout"), options.get("reply_timeout")
+        pause = options.get("pause")
+        return await self._bus.ask(
             request,
-            urgency=choice("urgency", urgency, Urgency),
+            urgency=choice("urgency", options.get("urgency", Urgency.COMMAND), Urgency),
             timeout=None if timeout is None else real("timeout", timeout),
-            repeat=choice("repeat", repeat, Repeat),
-            moves=moves,
+            repeat=repeat,
+            moves=request.writes,
+            reply_timeout=None if reply_timeout is None else reply_time(reply_timeout),
+            pause=None if pause is None else quiet_time(pause),
             verify=verify,
         )
+
+    def adjust(
+        self, reply_timeout: float | None, pause: float | None, probe: Register[Any] | Literal[False] | None
+    ) -> None:
+        """Change what holds for all requests to it: see `bus.unit`."""
+        state = self._bus.owner.units[self.address]
+        waits = state.reply_timeout if reply_timeout is None else reply_time(reply_timeout)
+        quiet = state.pause if pause is None else quiet_time(pause)
+        if probe is not None and probe is not False:
+            instance("probe", probe, Register, 'Register("status", U16, address=4), or be False')
+            probe_request = spans([probe], combine=False)[0].request(self.address, self.highest)
+        if (waits, quiet) != (state.reply_timeout, state.pause):
+            self._bus.owner.gate.check_wait(state, waits, quiet)
+            state.reply_timeout, state.pause = waits, quiet
+        if probe is not None:
+            state.probe = probe_request if probe else False
+
+    def share_time(self, options: RequestOptions) -> Callable[[], RequestOptions]:
+        """For several requests that share one `timeout`: the options of the next one."""
+        timeout = options.get("timeout")
+        if timeout is None or real("timeout", timeout) == math.inf:
+            return lambda: options
+        ends = self._bus.now() + timeout
+
+        def rest() -> RequestOptions:
+            left: RequestOptions = {**options, "timeout": max(0.0, ends - self._bus.now())}
+            return left
+
+        return rest
+
+    def _may_combine(self) -> bool:
+        attached = self._bus.owner.units[self.address].attached
+        return attached is None or attached.combines_reads
+
+
+def reply_time(seconds: float) -> float:
+    """How long a device may take to begin its answer, checked against its range."""
+    return _seconds("reply_timeout", seconds, 0.001, 10)
+
+
+def quiet_time(seconds: float) -> float:
+    """How long the pair is quiet before a request, checked against its range."""
+    return _seconds("pause", seconds, 0, 1)
+
+
+def _seconds(name: str, value: float, low: float, high: float) -> float:
+    number = real(name, value)
+    if not low <= number <= high:
+        raise LimitExceeded(f"{name} {number:g} s is outside {low:g}..{high:g} s")
+    return number
 
 
 class Broadcast:

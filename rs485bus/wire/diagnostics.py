@@ -141,6 +141,11 @@ def diagnostic(address: int, subfunction: Diagnostic, data: int | bytes = 0, *, 
     return public(address, DIAGNOSTICS, struct.pack(">H", subfunction) + sent, highest=highest)
 
 
+def ascii_delimiter(character: int) -> int:
+    """The data that says which character (0..255) ends a message in ASCII mode (6.8.1: it is the high byte)."""
+    return whole("delimiter", character, 0, 0xFF) << 8
+
+
 def diagnostic_data(reply: bytes) -> bytes:
     """The data in a reply to function 08."""
     return reply[4:-2]

@@ -31,8 +31,9 @@ MAX_READ_BITS, MAX_WRITE_BITS = 2000, 1968
 MAX_READ_WRITE = 121
 """How many registers function 23 can write (6.17)."""
 _MAX_RECORD = 9999
-_MAX_FILE_REPLY, _MAX_FILE_WRITE = 245, 251
-_MAX_RECORDS_READ, _MAX_RECORDS_WRITTEN = (_MAX_FILE_REPLY - 2) // 2, (_MAX_FILE_WRITE - 7) // 2
+MAX_FILE_REPLY, _MAX_FILE_WRITE = 245, 251
+"""How many bytes of records one frame can hold (6.14, 6.15)."""
+_MAX_RECORDS_READ, _MAX_RECORDS_WRITTEN = (MAX_FILE_REPLY - 2) // 2, (_MAX_FILE_WRITE - 7) // 2
 _REFERENCE_TYPE = 6
 
 
@@ -144,8 +145,8 @@ def read_files(address: int, records: Sequence[tuple[int, int, int]], *, highest
         for file, record, length in records
     ]
     sizes = [2 + 2 * int.from_bytes(group[5:], "big") for group in groups]
-    _check_size("reply", sum(sizes), _MAX_FILE_REPLY)
-    _check_size("request", 7 * len(groups), _MAX_FILE_REPLY)
+    _check_size("reply", sum(sizes), MAX_FILE_REPLY)
+    _check_size("request", 7 * len(groups), MAX_FILE_REPLY)
     request = public(address, READ_FILE, bytes((7 * len(groups),)) + b"".join(groups), highest=highest)
     # How long the reply is, is known here; the groups in it are so, too.
     prefix, length, _ = counted(request.adu, sum(sizes))

@@ -66,7 +66,7 @@ class SerialLine:
         self.quiet_at = self._air_end + self.silence
         self._first_byte_at = None
         self.exchange.begin(request, late)
-        if not job.is_broadcast:
+        if job.expects_reply:
             self.job = job
             self.deadline = start + self.line.budget(len(request.adu), reply_timeout, request.length or MAX_FRAME)
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.schedule.job import Job, Reason, Urgency
+from rs485bus.bus.schedule.pauses import PauseKeeper
 from rs485bus.bus.schedule.queue import READY
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
-from rs485bus.wire.frames import MAX_FRAME
-from rs485bus.wire.timing import LineSettings
+from rs485bus.errors import WatchdogInfeasible
+from rs485bus.wire.frames import MAX_FRAME, Request
 
 _FOREVER = float("inf")
 
@@ -15,10 +17,11 @@ _FOREVER = float("inf")
 class AdmissionControl:
     """The state of the bus, as far as it keeps jobs off the wire."""
 
-    __slots__ = ("_feeding", "_line", "_units", "closed", "connected", "latched", "settled")
+    __slots__ = ("_feeding", "_line", "_units", "closed", "connected", "latched", "pauses", "settled")
 
-    def __init__(self, line: LineSettings, units: UnitStates, feeding: Feeding) -> None:
-        self._line = line
+    def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding) -> None:
+        self._line = pair.line
+        self.pauses = PauseKeeper(pair)
         self._units = units
         self._feeding = feeding
         self.latched = False
@@ -66,8 +69,31 @@ class AdmissionControl:
     def _takes(self, job: Job) -> float:
         if job.is_broadcast:
             return 0.0  # the turnaround is part of what was admitted
-        timeout = self._units[job.address].reply_timeout if job.reply_timeout is None else job.reply_timeout
-        return self._line.budget(len(job.request.adu), timeout, job.request.length or MAX_FRAME)
+        unit = self._units[job.address]
+        timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
+        pause = unit.pause if job.pause is None else job.pause
+        return pause + self._line.budget(len(job.request.adu), timeout, job.request.length or MAX_FRAME)
+
+    def longest_wait(self, request: Request) -> float:
+        """How long the answer to a request may be waited for, in seconds, lest an armed watchdog trips."""
+        return self._feeding.slack - self._line.budget(len(request.adu), 0.0, request.length or MAX_FRAME)
+
+    def check_wait(self, unit: UnitState, reply_timeout: float, pause: float) -> None:
+        """Refuse to wait longer for a device than the armed watchdogs allow: it is asked unbidden, to feed it, say.
+
+        Raises:
+            WatchdogInfeasible: with the numbers.
+        """
+        if unit.attached is None:
+            return  # a request of somebody's own that would take too long is not sent
+        allowed = min(self.longest_wait(request) for request in unit.attached.reads())
+        if reply_timeout + pause > allowed:
+            raise WatchdogInfeasible(
+                f"Unit {unit.address} cannot be waited for {1000 * (reply_timeout + pause):.0f} ms (reply_timeout and "
+                f"pause) while a watchdog on the bus is armed that allows {1000 * allowed:.0f} ms. Leave the watchdog "
+                "block first, or use a longer watchdog.",
+                {"needed": reply_timeout + pause, "available": allowed},
+            )
 
     def wait(self, job: Job, now: float) -> float:
         """Until when a job that may be sent must wait; READY if it need not."""
@@ -84,7 +110,11 @@ class AdmissionControl:
             return unit.silent_until
         if unit.late and not job.ignores_late_replies:
             unit.late.expire(now)
-            return unit.late.must_wait(job.request, job)
+            if (until := unit.late.must_wait(job.request, job)) > now:
+                return until
+        pause = unit.pause if job.pause is None else job.pause
+        if pause and job.urgency > Urgency.START:
+            return self.pauses.wait(job, pause, now)
         return READY
 
     def hindrance(self, job: Job, now: float) -> Reason:

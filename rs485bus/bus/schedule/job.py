@@ -86,6 +86,7 @@ class Job:
         moves: it could set a motor in motion. Such jobs are refused while the bus is latched.
         motion: what it is meant for; a stop of that drops the job.
         reply_timeout: seconds the device may take to answer; None for what the device or the bus is set to.
+        pause: seconds of quiet on the pair before each attempt; None for what the device is set to.
         expires_at: when it must have ended, on the owner's clock.
         tolerant: its reply is no evidence of anything, so that it need not wait for late replies.
         internal: the bus' own; neither flushed nor refused because of the state of the device or the bus.
@@ -103,6 +104,7 @@ class Job:
         "code",
         "ended_at",
         "epoch",
+        "expects_reply",
         "expires_at",
         "feeds",
         "ignores_late_replies",
@@ -113,6 +115,7 @@ class Job:
         "not_before",
         "on_end",
         "outcome",
+        "pause",
         "queued_at",
         "read_back",
         "read_backs",
@@ -128,6 +131,7 @@ class Job:
         "unanswered",
         "urgency",
         "verify",
+        "wants_quiet_since",
     )
 
     def __init__(
@@ -139,6 +143,7 @@ class Job:
         moves: bool = False,
         motion: Motion | None = None,
         reply_timeout: float | None = None,
+        pause: float | None = None,
         expires_at: float | None = None,
         ignores_late_replies: bool = False,
         internal: bool = False,
@@ -150,6 +155,7 @@ class Job:
         self.request = request
         self.address = request.address
         self.is_broadcast = request.address == BROADCAST
+        self.expects_reply = request.length > 0 or request.sizer is not None
         if slot is not None:
             urgency = Urgency.START
         elif urgency is Urgency.START:
@@ -160,6 +166,8 @@ class Job:
         self.motion = motion
         self.epoch = 0 if motion is None else motion.epoch
         self.reply_timeout = reply_timeout
+        self.pause = pause
+        self.wants_quiet_since: float | None = None
         self.expires_at = expires_at
         self.ignores_late_replies = ignores_late_replies
         self.internal = internal

@@ -73,6 +73,7 @@ class Repeating:
             moves=job.moves,  # it goes where the write may go, and no further
             motion=job.motion,
             reply_timeout=job.reply_timeout,
+            pause=job.pause,
             expires_at=job.expires_at,
             internal=job.internal,
             retries=job.retries,

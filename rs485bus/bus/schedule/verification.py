@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rs485bus.wire.frames import Request, read_holding, registers
+from rs485bus.wire.frames import HIGHEST_ADDRESS, Request, read_holding, registers
 
 _log = logging.getLogger("rs485bus")
 
@@ -39,4 +39,5 @@ class Verification:
 def holds(address: int, register: int, values: Sequence[int]) -> Verification:
     """Holding registers read back as they were written, from `register` on."""
     wanted = list(values)
-    return Verification(read_holding(address, register, len(wanted)), lambda reply: registers(reply) == wanted)
+    read = read_holding(address, register, len(wanted), HIGHEST_ADDRESS)
+    return Verification(read, lambda reply: registers(reply) == wanted)

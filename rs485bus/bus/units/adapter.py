@@ -64,6 +64,8 @@ class DeviceAdapter(ABC):
     start_grace: float = 0.05
     """Seconds after a frame that moves it, within which it may report that it stands and yet start."""
     watchdog: WatchdogRegister | None = None
+    combines_reads: bool = True
+    """Whether neighbouring registers may be read with one request."""
 
     @abstractmethod
     def reads(self) -> Sequence[Request]:

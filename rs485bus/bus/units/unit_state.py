@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Literal
 
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.job import Job
@@ -29,6 +30,8 @@ class UnitState:
         "late",
         "late_reply_window",
         "locked",
+        "pause",
+        "probe",
         "reach",
         "rearm",
         "reply_timeout",
@@ -39,6 +42,10 @@ class UnitState:
         self.address = address
         self.reply_timeout = reply_timeout
         self.late_reply_window = late_reply_window
+        self.pause = 0.0
+        """Seconds of quiet on the pair before a request to it, where it wants more than the others."""
+        self.probe: Request | Literal[False] | None = None
+        """What it may be asked while it owes a reply; False for nothing, None where nobody has said."""
         self.attached: DeviceAdapter | None = None
         self.late = PendingReplies(in_order)
         self.reach = Reachability()

@@ -59,6 +59,7 @@ class MksAttached(DeviceAdapter):
 
     family = FAMILY
     late_reply_window = LATE_REPLY_WINDOW
+    combines_reads = False  # addresses are command codes (MKS RTU V1.0.9, 4)
 
     def __init__(
         self,

@@ -13,6 +13,7 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
 from rs485bus.bus.handle import Handle, outlast, running_loop, settle
 from rs485bus.bus.owner import Owner
+from rs485bus.bus.port import Port
 from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.schedule.burst import BurstSlot
@@ -25,7 +26,7 @@ from rs485bus.bus.units.broadcast import is_broadcast, moved_by
 from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.watchdog.guard import WatchdogGuard, warn_of
 from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop, shut_down
-from rs485bus.errors import AddressInUse, BusClosed, BusError, LoopNotRunning, PortError, WrongThread
+from rs485bus.errors import AddressInUse, BusClosed, BusError, LoopNotRunning, WrongThread
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Register, Repeat
@@ -54,6 +55,7 @@ class Bus:
         self._owner.feeding.on_escape = warn_of
         self._pump = OwnerRunner(self._owner, transport, self._loop)
         self._owner.starts.poke = self._pump.run
+        self._port = Port(transport, self._owner, self._pump, config)
         self._units: dict[int, Unit] = {}
         self._members: list[BusMember] = []
         self._unseen: list[Handle[Any]] = []
@@ -297,7 +299,7 @@ class Bus:
                 raise
         if job.outcome is Outcome.REPLY:
             return job.reply
-        raise failure(job, self.flight, None if attached is None else attached.family)
+        raise failure(job, self.flight, None if attached is None else attached.family, self._port.trouble)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""
@@ -378,40 +380,17 @@ class Bus:
     # The transport
 
     def received(self, data: bytes) -> None:
-        """Bytes came in. For the transport."""
+        """Bytes came in."""
         self._pump.received(data)
-
-    def lost(self, error: Exception | None) -> None:
-        """The port is gone. For the transport."""
-        _log.warning("%s was lost%s; trying to open it again", self._transport.name, f": {error}" if error else "")
-        self._owner.unplugged(self._loop.time())
-        self._pump.run()
-        if self._closing is None:
-            self.spawn(self._reopen(), "rs485bus reopening")
 
     async def open(self) -> None:
         """Open the transport. For `open_bus`."""
         try:
-            await self._transport.open(self)
+            await self._port.open()
         except BaseException:
             self._pump.close()
             raise
         self.spawn(self._keep(), "rs485bus keeper")
-        self._pump.run()
-
-    async def _reopen(self) -> None:
-        pause = self.config.reopen_min
-        while True:
-            await asyncio.sleep(pause)
-            try:
-                await self._transport.open(self)
-            except PortError as error:
-                _log.debug("%s", error)
-                pause = min(2 * pause, self.config.reopen_max)
-            else:
-                break
-        _log.warning("%s is open again", self._transport.name)
-        self._owner.plugged(self._loop.time())
         self._pump.run()
 
     async def _keep(self) -> None:
@@ -439,7 +418,7 @@ class Bus:
         for task in tuple(self._tasks):
             if task is not asyncio.current_task():
                 task.cancel()
-        await outlast(self._loop.create_task(self._transport.close()))
+        await outlast(self._loop.create_task(self._port.close()))
 
     def _give_up(self, stopped: asyncio.Future[list[Halted]]) -> None:
         settle(stopped, unconfirmed(self.devices))

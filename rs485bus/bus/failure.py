@@ -65,6 +65,8 @@ _MEANWHILE = {
     Reason.UNPLUGGED: " The port was lost meanwhile.",
     Reason.UNAWAITED: " Its time was over before the device had to answer: allow more time.",
 }
+_AWAY = (Reason.UNPLUGGED, Reason.EXPIRED)
+"""What keeps a job from being sent while the port is away, or comes for moments only."""
 _ILLEGAL_FUNCTION = 1
 _UNKNOWN_TO_IT = (_ILLEGAL_FUNCTION, 2)
 
@@ -76,13 +78,14 @@ class _Details(TypedDict):
     code: int | None
 
 
-def failure(job: Job, records: Sequence[Record], family: str | None = None) -> RequestFailed:
+def failure(job: Job, records: Sequence[Record], family: str | None = None, port: str = "") -> RequestFailed:
     """The exception that says how the job ended, for every end but a reply.
 
     Args:
         job: what has ended.
         records: the latest transactions on the bus.
         family: what the device is taken for; None where it has no facade.
+        port: why the port is away, and what to do about it; empty where it is there.
     """
     details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts, code=job.code)
     what = str(job.request)
@@ -90,6 +93,8 @@ def failure(job: Job, records: Sequence[Record], family: str | None = None) -> R
         return DeviceRefused(_refused(job, family), **details)
     if job.outcome is Outcome.NOT_SENT:
         error, why = _NOT_SENT[job.reason]
+        if port and job.reason in _AWAY:
+            why = f"the port is away, and is opened again by itself. {port.rstrip('.')}"
         return error(f"Not sent, {why}: {what}.", **details)
     again = f" It was not sent again, {_NOT_SENT[job.reason][1]}." if job.reason in _NOT_SENT else ""
     again = _MEANWHILE.get(job.reason, again)

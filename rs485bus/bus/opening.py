@@ -14,8 +14,8 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.errors import StopUnconfirmed
 from rs485bus.transport.interface import Transport
+from rs485bus.transport.rtu_over_tcp import TcpTransport
 from rs485bus.transport.serial import SerialTransport
-from rs485bus.transport.tcp import TcpTransport
 from rs485bus.wire.timing import LineSettings, Parity
 
 _DEFAULT = BusConfig()

@@ -55,6 +55,8 @@ class Owner:
         self.now = now
         self.send_at = now
         """When the frame that `tick` returned is to be sent."""
+        self.one_way_ends_at = FOREVER
+        """When the latest frame that nobody answers (a broadcast) must have gone out; infinity where none is out."""
         self.journal = Journal()
         self.feeding = Feeding()
         self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window)
@@ -65,6 +67,8 @@ class Owner:
         self._repeating = Repeating(config.retries, self._queue, self._end)
         self.starts = BurstScheduler(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
         self._turnaround_until = NEVER
+        self._one_way: list[Job] = []
+        """Jobs that nobody answers, in their turnaround."""
         self._wake = FOREVER
         self._lead = 0.0
         self._after_stops: list[Callable[[], None]] = []
@@ -168,6 +172,8 @@ class Owner:
         self.pair.exchange.unsettle()
         if self.pair.job is not None:
             self._unanswered("lost")
+        for job in tuple(self._one_way):  # nobody knows whether it went out
+            self._one_way_ended(job, Outcome.UNKNOWN, Reason.UNPLUGGED)
         self._flush(self._queue, lambda job: job.moves and not job.internal, Reason.UNPLUGGED)
         for unit in self.units:
             watch = self.feeding.get(unit.address)
@@ -373,10 +379,19 @@ class Owner:
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
             self._turnaround_until = max(self._turnaround_until, over)
             self._note(job, b"", "broadcast" if job.is_broadcast else "sent", sent)
-            self.at(over, lambda: self._end(job, Outcome.REPLY))
+            self._one_way.append(job)
+            self.one_way_ends_at = over
+            self.at(over, lambda: self._one_way_ended(job, Outcome.REPLY))
         elif not job.request.writes:
             unit.last_read = job.request
         return job.request.adu
+
+    def _one_way_ended(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
+        if job in self._one_way:
+            self._one_way.remove(job)
+            if not self._one_way:
+                self.one_way_ends_at = FOREVER
+            self._end(job, outcome, reason)
 
     def _take(self, received: Received) -> None:
         kind, request, frame = received

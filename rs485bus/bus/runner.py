@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 
 from rs485bus.bus.owner import Owner
 from rs485bus.transport.interface import Transport
@@ -21,6 +22,8 @@ class OwnerRunner:
         self._owner = owner
         self._transport = transport
         self._loop = loop
+        self.drop: Callable[[str], None] = lambda reason: transport.abort()
+        """Gives the connection up, for a reason."""
         self._alarm = transport.alarm(self._wake)
         self._running = False
         self._again = False
@@ -56,9 +59,12 @@ class OwnerRunner:
             while True:
                 self._again = False
                 now = loop.time()
-                if owner.pair.job is not None and now >= owner.pair.deadline and transport.unsent:
-                    # What could not be sent in its time must not arrive later.
-                    transport.abort()
+                if now >= (owner.one_way_ends_at if owner.pair.job is None else owner.pair.deadline) and (
+                    transport.unsent
+                ):
+                    # It must not arrive later. That the port is lost is told next.
+                    self.drop("what was sent could not leave in its time, and would have arrived later")
+                    return
                 quiet_at = owner.pair.quiet_at
                 frame = owner.tick(now, self._alarm.lead)
                 if frame is not None:

@@ -1,0 +1,188 @@
+"""The port of a bus: it is opened, and opened again whenever it was lost."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.runner import OwnerRunner
+from rs485bus.errors import PortError
+from rs485bus.transport.interface import Transport
+
+_log = logging.getLogger("rs485bus")
+
+SAID_EVERY = 60.0
+"""Seconds within which the log is told once of a port that does not stay open."""
+_GIVING_UP_TAKES = 1.0
+"""Seconds that closing waits for an attempt to open the port."""
+
+
+class Port:
+    """Keeps a transport open until `close`. It is the sink of what the transport receives.
+
+    The pauses between two attempts grow from `reopen_min` to `reopen_max`. They begin anew only after a connection that
+    was of use: it has carried an answer, or it stood for longer than the longest pause. A gateway that accepts each
+    connection and hangs up at once is therefore asked as seldom as one that is not there.
+
+    It waits by timers, not in a task: the port is opened again, and motors are stopped, also while `asyncio.run`
+    cancels every task at the end of a program.
+    """
+
+    def __init__(self, transport: Transport, owner: Owner, runner: OwnerRunner, config: BusConfig) -> None:
+        self.received = runner.received
+        """Bytes came in."""
+        runner.drop = self.drop
+        self._trouble = ""
+        self._transport = transport
+        self._owner = owner
+        self._runner = runner
+        self._config = config
+        self._loop = asyncio.get_running_loop()
+        self._is_open = False
+        self._opening = False
+        self._lost_while_opening: Exception | None = None
+        self._closed = False
+        self._dropped = ""
+        """Why this side gave the connection up."""
+        self._opened_at = 0.0
+        self._answers = 0
+        """How many answers the bus had had when the port was opened."""
+        self._pause = config.reopen_min
+        self._timer: asyncio.TimerHandle | None = None
+        self._attempt: asyncio.Task[None] | None = None
+        self._was_of_use = True
+        self._says_lost = False
+        """The log's latest word is that the port is lost."""
+        self._said_at = float("-inf")
+        self._unsaid = 0
+        """How often it was lost since the log was told."""
+        self._failed = ""
+        """What the latest attempt raised that no transport should raise."""
+
+    @property
+    def trouble(self) -> str:
+        """Why the port is away, or comes for moments only, and what to do about it; empty if it is there."""
+        there = self._is_open and (self._was_of_use or self._answered() != self._answers)
+        return "" if there else self._trouble
+
+    async def open(self) -> None:
+        """Open it for the first time. Raises `PortError`."""
+        lost = await self._open()
+        if lost is not None:
+            self.lost(lost)
+
+    async def close(self) -> None:
+        """Close it, and do not open it again."""
+        self._closed = True
+        self._stop_timer()
+        if self._attempt is not None:
+            self._attempt.cancel()
+            await asyncio.wait({self._attempt}, timeout=_GIVING_UP_TAKES)
+        await self._transport.close()
+
+    def lost(self, error: Exception | None) -> None:
+        """The port is gone."""
+        if self._opening:
+            self._lost_while_opening = error or ConnectionResetError("the other end closed the connection")
+            return
+        if self._closed or not self._is_open:
+            return
+        self._is_open = False
+        self._stop_timer()
+        now = self._loop.time()
+        stood = now - self._opened_at >= self._config.reopen_max
+        self._was_of_use = stood or self._answered() != self._answers
+        if self._was_of_use:
+            self._pause = self._config.reopen_min
+        self._say_lost(error, now, aloud=stood or now - self._said_at >= SAID_EVERY)
+        self._owner.unplugged(now)
+        self._runner.run()
+        self._try_later()
+
+    def drop(self, reason: str) -> None:
+        """Give the connection up, and what is unsent with it; it is opened again."""
+        self._dropped = reason
+        self._transport.abort()
+
+    async def _open(self) -> Exception | None:
+        """Open it. Returns why it was lost again meanwhile, if it was."""
+        self._opening, self._lost_while_opening = True, None
+        try:
+            await self._transport.open(self)
+        finally:
+            self._opening = False
+        self._is_open, self._dropped = True, ""
+        self._opened_at = self._loop.time()
+        self._answers = self._answered()
+        return self._lost_while_opening
+
+    def _try_later(self) -> None:
+        pause, self._pause = self._pause, min(2 * self._pause, self._config.reopen_max)
+        self._timer = self._loop.call_later(pause, self._try)
+
+    def _try(self) -> None:
+        self._timer = None
+        self._attempt = self._loop.create_task(self._reopen(), name="rs485bus reopening")
+        self._attempt.add_done_callback(self._tried)
+
+    def _tried(self, attempt: asyncio.Task[None]) -> None:
+        # It failed, or was cancelled, as every task is at the end of a program: motors may have to be stopped yet.
+        if not self._is_open and not self._closed and self._timer is None:
+            self._try_later()
+
+    async def _reopen(self) -> None:
+        try:
+            lost = await self._open()
+        except PortError as error:
+            self._trouble = str(error)
+            _log.debug("%s", error)
+            return
+        except Exception as error:
+            # A transport of somebody else's: whatever it raises, the bus goes on trying.
+            self._trouble = f"{self._transport.name} could not be opened: {error!r}"
+            if self._failed != repr(error):
+                self._failed = repr(error)
+                _log.exception("%s could not be opened; trying again", self._transport.name)
+            return
+        if lost is not None:
+            self.lost(lost)
+            return
+        if self._was_of_use and self._says_lost:
+            self._say_open()
+        elif self._says_lost:
+            # One that did not stay open is believed only after a while.
+            self._timer = self._loop.call_later(self._config.reopen_max, self._say_open)
+        self._owner.plugged(self._loop.time())
+        self._runner.run()
+
+    def _answered(self) -> int:
+        """How many answers the bus has had."""
+        units = self._owner.journal.stats.units.values()
+        return sum(unit.replies + unit.refusals + unit.late_replies for unit in units)
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    # What the log says
+
+    def _say_lost(self, error: Exception | None, now: float, *, aloud: bool) -> None:
+        why = self._dropped or error
+        name, reason = self._transport.name, f": {why}" if why else ""
+        hint = "" if self._was_of_use or self._dropped else getattr(self._transport, "hang_up_hint", "")
+        self._trouble = f"{name} was lost{reason}. {hint}".strip()
+        self._unsaid += 1
+        if not aloud:
+            _log.debug("%s was lost again%s", name, reason)
+            return
+        often = f" {self._unsaid} times in the last {now - self._said_at:.0f} s" if self._unsaid > 1 else ""
+        _log.warning("%s was lost%s%s; trying to open it again%s", name, often, reason, hint and f". {hint}")
+        self._says_lost, self._said_at, self._unsaid = True, now, 0
+
+    def _say_open(self) -> None:
+        self._timer = None
+        self._says_lost = False
+        _log.warning("%s is open again", self._transport.name)

@@ -1,0 +1,143 @@
+"""Gateways that do as they like, on real sockets, in real time."""
+
+import asyncio
+import contextlib
+import logging
+import socket
+import struct
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+
+import pytest
+
+from rs485bus import Bus, BusConfig, open_bus
+from rs485bus.errors import NotSent, OutcomeUnknown
+from tests.real.support import in_real_time
+
+
+class Gateway:
+    """Accepts connections and does nothing with them by itself. Its receive buffer is as small as can be."""
+
+    def __init__(self) -> None:
+        self._connections: list[socket.socket] = []
+        self._listener = socket.socket()
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2304)
+        self._listener.bind(("127.0.0.1", 0))
+        self._listener.listen()
+        self._listener.setblocking(False)
+        self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
+
+    async def accept(self) -> socket.socket:
+        connection, _ = await asyncio.wait_for(asyncio.get_running_loop().sock_accept(self._listener), 5)
+        connection.setblocking(False)
+        self._connections.append(connection)
+        return connection
+
+    def close(self) -> None:
+        for open_socket in (self._listener, *self._connections):
+            open_socket.close()
+
+
+@pytest.fixture
+def gateway() -> Iterator[Gateway]:
+    made = Gateway()
+    yield made
+    made.close()
+
+
+async def everything(connection: socket.socket, within: float) -> bytes:
+    """All that arrives within a time."""
+    loop = asyncio.get_running_loop()
+    got = b""
+    try:
+        async with asyncio.timeout(within):
+            while piece := await loop.sock_recv(connection, 65536):
+                got += piece
+    except (TimeoutError, ConnectionError):
+        pass
+    return got
+
+
+async def write(bus: Bus, mark: int) -> None:
+    await bus.unit(1).write_registers(0, [mark] * 120)
+
+
+async def broadcast(bus: Bus, mark: int) -> None:
+    await bus.broadcast.write_registers(0, [mark] * 120)
+
+
+@pytest.mark.parametrize("send", [write, broadcast])
+def test_nothing_old_arrives_after_the_reconnection_to_a_gateway_that_stopped_reading(
+    gateway: Gateway, send: Callable[[Bus, int], Awaitable[None]]
+) -> None:
+    async def main() -> None:
+        config = BusConfig(
+            retries=0, reply_timeout=0.02, turnaround=0.02, late_reply_window=0.05, echo=False, offline_after=100
+        )
+        async with open_bus(gateway.url, baudrate=1_000_000, config=config) as bus:
+            old = await gateway.accept()
+            mark = 0x4100
+            while bus.connected:
+                mark += 1
+                with contextlib.suppress(OutcomeUnknown):
+                    await send(bus, mark)
+            new = await gateway.accept()
+            arrived, fresh = await asyncio.gather(everything(old, 0.5), everything(new, 0.5))
+            assert struct.pack(">H", mark - 1) * 120 in arrived
+            assert struct.pack(">H", mark) * 120 not in arrived
+            assert fresh == b""
+
+    in_real_time(main)
+
+
+def test_a_gateway_that_hangs_up_at_once_leaves_reads_with_an_error_that_says_what_to_do(
+    gateway: Gateway, caplog: pytest.LogCaptureFixture
+) -> None:
+    connects = 0
+
+    async def hang_up() -> None:
+        nonlocal connects
+        while True:
+            (await gateway.accept()).close()
+            connects += 1
+
+    async def main() -> None:
+        hanging_up = asyncio.create_task(hang_up())
+        async with open_bus(gateway.url) as bus:
+            with pytest.raises(NotSent, match="one client at a time"):
+                await bus.unit(1).read_holding_registers(0, timeout=2.0)
+            hanging_up.cancel()
+        assert 4 <= connects <= 7
+        assert sum(record.levelno >= logging.WARNING for record in caplog.records) == 1
+
+    in_real_time(main)
+
+
+def test_a_gateway_that_has_closed_its_end_is_lost_although_it_does_not_take_what_is_unsent(gateway: Gateway) -> None:
+    async def main() -> None:
+        async with open_bus(gateway.url, config=BusConfig(reopen_min=0.1)) as bus:
+            old = await gateway.accept()
+            bus._transport.write(bytes(5_000_000))
+            old.shutdown(socket.SHUT_WR)
+            await asyncio.wait_for(gateway.accept(), 0.7)
+            await asyncio.sleep(0.05)
+            assert bus.connected
+
+    in_real_time(main)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what is unacknowledged")
+def test_what_is_under_way_and_not_acknowledged_yet_is_not_unsent(gateway: Gateway) -> None:
+    from rs485bus.transport.connection import _SIOCOUTQ, _queued
+
+    async def main() -> None:
+        async with open_bus(gateway.url, baudrate=4_000_000, config=BusConfig(reply_timeout=1.0)) as bus:
+            connection, wire = await gateway.accept(), bus._transport
+            for _ in range(20):  # whoever answers acknowledges by its answers; if there is none, after 40 ms
+                connection.send(b"noise")
+                wire.write(b"request")
+                await asyncio.sleep(0.001)
+            assert _queued(wire._connection.transport.get_extra_info("socket"), _SIOCOUTQ)  # type: ignore[attr-defined]
+            assert wire.unsent == 0
+
+    in_real_time(main)

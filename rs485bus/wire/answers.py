@@ -30,9 +30,12 @@ _READS: Final = frozenset({READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT})
 )
 
 Sizer = Callable[[bytes], int]
-"""Tells the length of a reply from its first bytes; 0 while that cannot be told yet, -1 if they make no sense."""
+"""Tells the length of a reply from its first bytes. -1: they make no sense. Where they are too few: how long it is at
+least, which is more than they are; or 0."""
 
 _MAX_FRAME = 256
+_MORE_FOLLOWS: Final = b"\x00\xff"
+"""No and yes."""
 
 
 class Answer(NamedTuple):
@@ -104,13 +107,14 @@ def sized_as_identification(reply: bytes) -> int:
     """The eighth byte tells how many objects follow, and the second byte of each how long it is (6.21)."""
     if len(reply) < 8:
         return 0
+    if reply[5] not in _MORE_FOLLOWS:
+        return -1
     at = 8
-    for _ in range(reply[7]):
-        if at + 4 > _MAX_FRAME:
-            return -1
-        if len(reply) < at + 2:
-            return 0
-        at += 2 + reply[at + 1]
+    try:
+        for _ in range(reply[7]):
+            at += 2 + reply[at + 1]
+    except IndexError:
+        at += 2  # the next object is not there yet; it may be empty
     return _possible(at + 2)
 
 

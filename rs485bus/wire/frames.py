@@ -1,6 +1,6 @@
 """Requests, and what their replies must look like.
 
-The bytes come from pymodbus' PDU classes and its CRC. What a standard master cannot say, and MKS drives need, is a
+The bytes come from pymodbus' PDU classes. What a standard master cannot say, and MKS drives need, is a
 parameter here: a payload that is not two bytes a register (`write_bytes`), and a refusal inside a normal reply
 (`refusal=`).
 """
@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from pymodbus.framer import FramerRTU
 from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
@@ -27,6 +26,7 @@ from rs485bus.wire.answers import WRITE_MULTIPLE as WRITE_MULTIPLE
 from rs485bus.wire.answers import WRITE_SINGLE as WRITE_SINGLE
 from rs485bus.wire.answers import Answer, answer_to, changes, counted
 from rs485bus.wire.answers import Sizer as Sizer
+from rs485bus.wire.crc import crc as crc
 
 BROADCAST = 0
 MAX_ADDRESS = 247
@@ -37,11 +37,6 @@ MAX_FRAME = 256
 EXCEPTION_LENGTH = 5
 MAX_READ, MAX_WRITE = 125, 123
 """How many registers one frame can read or write."""
-
-
-def crc(data: bytes) -> bytes:
-    """The CRC of `data` in the order of the wire."""
-    return FramerRTU.compute_CRC(data).to_bytes(2, "big")
 
 
 @dataclass(frozen=True, slots=True)

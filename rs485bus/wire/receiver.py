@@ -1,24 +1,36 @@
 """Finds the replies that are waited for in a stream of bytes.
 
 It hunts byte by byte: noise, foreign frames, torn frames and frames from the wrong slave are passed over and
-counted, and what follows them is still found. It never raises on bytes, and holds no more than one frame of them.
+counted, and what follows them is still found. It never raises on bytes. It holds no more than one frame of them, and
+takes a time that grows with their number alone, whatever they are.
 """
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
-from rs485bus.wire.frames import MAX_FRAME, Sizer, crc
+from rs485bus.wire.crc import StreamCrc, ends_in_crc
+from rs485bus.wire.frames import MAX_FRAME, Sizer
 
 K = TypeVar("K")
+
+_SHORTEST = 4
+"""Address, function and CRC."""
+
+_SLICE = 512
+
+_Candidate = tuple[int, int, int, int]
+"""What may be a frame: the position at which to look at it, its beginning, its pattern, its end (0: not known yet)."""
 
 
 class Pattern(NamedTuple, Generic[K]):
     """A frame that is waited for: it starts with `prefix` and is `length` bytes long.
 
-    With a `sizer`, `length` is ignored and the frame tells its own. `key` says what the frame would be. Only
-    patterns with `counts` set make a CRC error of a frame that begins right and fails its CRC.
+    With a `sizer`, `length` is ignored and the frame tells its own. `key` says what the frame would be. `counts` marks
+    the frame that is awaited most: one that begins right and fails its CRC is a CRC error; and while one of a fixed
+    length has begun, a frame of another kind that lies inside it is taken for a part of it.
     """
 
     prefix: bytes
@@ -31,18 +43,40 @@ class Pattern(NamedTuple, Generic[K]):
 class Receiver(Generic[K]):
     """Bytes in, frames out.
 
+    Where two frames overlap, the one that ends first is found: so it does not matter in which pieces bytes arrive.
+
     `skipped` counts the bytes that belonged to no frame waited for, `crc_errors` frames that only their CRC ruled
     out. Both only grow.
     """
 
-    __slots__ = ("_buffer", "_patterns", "_searched", "crc_errors", "skipped")
+    __slots__ = (
+        "_awaited",
+        "_begun",
+        "_buffer",
+        "_crc",
+        "_hunting",
+        "_origin",
+        "_patterns",
+        "_sought",
+        "crc_errors",
+        "passed",
+        "skipped",
+    )
 
     def __init__(self) -> None:
         self._patterns: Sequence[Pattern[K]] = ()
-        self._searched: list[int] = []
+        self._awaited: list[Pattern[K]] = []
+        self._hunting = False
         self._buffer = bytearray()
+        # Positions count from the first byte after `expect`. The buffer begins at `_origin`.
+        self._origin = 0
+        self._sought: list[int] = []
+        self._begun: list[_Candidate] = []
+        self._crc = StreamCrc()
         self.skipped = 0
         self.crc_errors = 0
+        self.passed = b""
+        """What was passed over right before the first frame that `feed` returned last."""
 
     @property
     def pending(self) -> int:
@@ -51,86 +85,128 @@ class Receiver(Generic[K]):
 
     def expect(self, patterns: Sequence[Pattern[K]]) -> None:
         """Wait for these frames from now on. What was received before is given up."""
-        self.skipped += len(self._buffer)
-        self._buffer.clear()
         self._patterns = patterns
-        self._searched = [0] * len(patterns)
+        if self._hunting:
+            self._hunting = False
+            self.skipped += len(self._buffer)
+            self._buffer.clear()
+            self._begun.clear()
 
     def feed(self, data: bytes) -> list[tuple[K, bytes]]:
         """Take `data` in; return the frames it completes, in the order of the wire, each with its key."""
-        buffer = self._buffer
-        if not buffer:
-            frame = self._whole(data)
-            if frame is not None:
-                return [(frame, data)]
-        buffer += data
-        found = []
-        while buffer and (first := self._first()) is not None:
-            start, end, key = first
-            found.append((key, bytes(buffer[start:end])))
-            self.skipped += start
-            self._drop(end)
+        if not self._buffer:
+            key = self._whole(data)
+            if key is not None:
+                self.passed = b""
+                return [(key, data)]
+        if not self._hunting:
+            self._hunting = True
+            self._origin = 0
+            self._sought = [0] * len(self._patterns)
+            self._awaited = [pattern for pattern in self._patterns if pattern.counts and pattern.sizer is None]
+            self._crc = StreamCrc()
+        found: list[tuple[K, bytes]] = []
+        for at in range(0, len(data), _SLICE):
+            self._hunt(data[at : at + _SLICE], found)
         return found
 
     def _whole(self, data: bytes) -> K | None:
         """The key of the frame that `data` is, no more and no less: the usual case, decided without a search."""
         for pattern in self._patterns:
             if data.startswith(pattern.prefix):
-                if pattern.length == len(data) and pattern.sizer is None and crc(data[:-2]) == data[-2:]:
-                    return pattern.key
+                if pattern.length == len(data) and pattern.sizer is None and ends_in_crc(data):
+                    return pattern.key if pattern.counts or not self._may_hold_others(data) else None
                 return None
         return None
 
-    def _first(self) -> tuple[int, int, K] | None:
-        """The frame that begins first among those that are complete; what can begin none is dropped."""
-        best: tuple[int, int, K] | None = None
-        size = len(self._buffer)
-        keep = size
-        for index, pattern in enumerate(self._patterns):
-            begin, end = self._search(index, pattern)
-            if end and (best is None or begin < best[0]):
-                best = (begin, end, pattern.key)
-            elif not end:
-                keep = min(keep, begin)
-        if best is None and keep:
-            self.skipped += keep
-            self._drop(keep)
-        return best
+    def _may_hold_others(self, data: bytes) -> bool:
+        return any(data.find(pattern.prefix, 1) >= 0 for pattern in self._patterns)
 
-    def _search(self, index: int, pattern: Pattern[K]) -> tuple[int, int]:
-        """Where the pattern's first frame lies, or where one could still begin (end 0)."""
-        buffer, prefix = self._buffer, pattern.prefix
-        size = len(buffer)
-        begun = -1
-        at = buffer.find(prefix, self._searched[index])
+    def _hunt(self, data: bytes, found: list[tuple[K, bytes]]) -> None:
+        """Take in `_SLICE` bytes at most."""
+        buffer, begun = self._buffer, self._begun
+        buffer += data
+        for index, pattern in enumerate(self._patterns):
+            self._seek(index, pattern)
+        begun.sort()
+        reached = self._origin + len(buffer)
+        if begun and begun[0][0] <= reached:
+            self._crc.extend(buffer)
+            self._judge(reached, found)
+        surplus = len(buffer) - MAX_FRAME + 1
+        if surplus > 0:
+            self.skipped += surplus
+            self._drop(surplus)
+
+    def _seek(self, index: int, pattern: Pattern[K]) -> None:
+        """Find where frames of a pattern begin in what is new."""
+        buffer, begun, origin = self._buffer, self._begun, self._origin
+        prefix, length, sizer, find = pattern.prefix, pattern.length, pattern.sizer, buffer.find
+        at = find(prefix, max(0, self._sought[index] - origin))
+        data = b"" if sizer is None else bytes(buffer)
         while at >= 0:
-            length = pattern.length if pattern.sizer is None else _told(pattern.sizer, buffer[at:])
-            if length == 0 or at + length > size:
-                if begun < 0:
-                    begun = at
-                if pattern.sizer is None:
-                    break  # one of the same length that begins later ends later
-            elif length > 0:
-                frame = bytes(buffer[at : at + length])
-                if crc(frame[:-2]) == frame[-2:]:
-                    self._searched[index] = at
-                    return at, at + length
+            begin = origin + at
+            if sizer is None:
+                begun.append((begin + length, begin, index, begin + length))
+            elif (candidate := _sized(sizer, data[at : at + MAX_FRAME], begin, index)) is not None:
+                begun.append(candidate)
+            at = find(prefix, at + 1)
+        self._sought[index] = origin + len(buffer) - len(prefix) + 1
+
+    def _judge(self, reached: int, found: list[tuple[K, bytes]]) -> None:
+        """Look at what may be a frame, in the order in which they end."""
+        buffer, begun, closes = self._buffer, self._begun, self._crc.closes
+        at = 0
+        while at < len(begun) and begun[at][0] <= reached:
+            due, begin, index, end = begun[at]
+            at += 1
+            start = begin - self._origin
+            if start < 0:
+                continue  # it overlaps a frame that was found
+            pattern = self._patterns[index]
+            if not end:
+                assert pattern.sizer is not None
+                data = bytes(buffer[start : start + MAX_FRAME])
+                if (candidate := _sized(pattern.sizer, data, begin, index)) is not None:
+                    insort(begun, candidate, at)
+            elif not closes(start, end - self._origin):
                 self.crc_errors += pattern.counts
-            at = buffer.find(prefix, at + 1)
-        if begun < 0:
-            begun = max(self._searched[index], size - len(prefix) + 1)
-        self._searched[index] = begun
-        return begun, 0
+            elif due == end and not pattern.counts and (later := self._enclosed_until(begin, end)):
+                insort(begun, (later, begin, index, end), at)
+            else:
+                if not found:
+                    self.passed = bytes(buffer[:start])
+                found.append((pattern.key, bytes(buffer[start : end - self._origin])))
+                self.skipped += start
+                self._drop(end - self._origin)
+        del begun[:at]
+
+    def _enclosed_until(self, begin: int, end: int) -> int:
+        """Where the last of the awaited frames ends that began before and is not complete yet; 0 if there is none."""
+        origin, until = self._origin, 0
+        for pattern in self._awaited:
+            # The last one that begins before, and whose beginning was there when the frame inside was complete.
+            at = self._buffer.rfind(pattern.prefix, 0, min(begin + len(pattern.prefix) - 1, end) - origin)
+            if at >= 0 and origin + at + pattern.length > end:
+                until = max(until, origin + at + pattern.length)
+        return until
 
     def _drop(self, count: int) -> None:
         del self._buffer[:count]
-        self._searched = [max(0, at - count) for at in self._searched]
+        self._crc.drop(count)
+        self._origin += count
 
 
-def _told(sizer: Sizer, data: bytearray) -> int:
-    """The length a reply claims: 0 if it cannot be told yet, -1 if it makes no sense."""
+def _sized(sizer: Sizer, data: bytes, begin: int, index: int) -> _Candidate | None:
+    """A frame that tells its own length, as far as it is there; None if it can be no frame."""
     try:
-        length = sizer(bytes(data))
+        length = sizer(data)
     except (IndexError, ValueError, TypeError):
-        return 0 if len(data) < MAX_FRAME else -1
-    return length if length == 0 or length >= 4 else -1
+        length = 0
+    if _SHORTEST <= length <= len(data):
+        return begin + length, begin, index, begin + length
+    if length < 0 or len(data) == MAX_FRAME:
+        return None
+    # More is known with the next byte, or once as many are there as it must have.
+    due = length if len(data) < length <= MAX_FRAME else len(data) + 1
+    return begin + due, begin, index, 0

@@ -220,6 +220,21 @@ class Bus:
         """The machine inside."""
         return self._owner
 
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop:
+        """The event loop that it lives in."""
+        return self._loop
+
+    @property
+    def thread(self) -> int:
+        """The thread of that loop, as `threading.get_ident` names it."""
+        return self._thread
+
+    @property
+    def port(self) -> str:
+        """What it was opened on, as people call it."""
+        return self._transport.name
+
     def now(self) -> float:
         """The time on the bus' clock, in seconds: the event loop's."""
         return self._loop.time()

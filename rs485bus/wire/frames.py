@@ -174,9 +174,29 @@ def from_pdu(address: int, pdu: ModbusPDU, reply: type[ModbusPDU], *, highest: i
     is_own = reply.__module__.startswith("pymodbus.")
     answer = answer_to(adu) if is_own else None
     if answer is None:
-        size = int(reply.rtu_frame_size)
-        answer = Answer(adu[:2], size, None if size else reply.calculateRtuFrameSize)
+        answer = _told_by(reply, adu)
     return _request(adu, answer, changes(adu))
+
+
+def _told_by(reply: type[ModbusPDU], adu: bytes) -> Answer:
+    """How long the reply is by its own class."""
+    size = int(reply.rtu_frame_size)
+    if size:
+        return Answer(adu[:2], size)
+    base = ModbusPDU.calculateRtuFrameSize.__func__  # type: ignore[attr-defined] # a class method has one
+    if not reply.rtu_byte_count_pos and getattr(reply.calculateRtuFrameSize, "__func__", None) is base:
+        raise ValueError(
+            f"{reply.__name__} does not say how long its frame is: give it rtu_frame_size, rtu_byte_count_pos or "
+            "calculateRtuFrameSize()"
+        )
+
+    def sized(frame: bytes) -> int:
+        try:
+            return int(reply.calculateRtuFrameSize(frame))
+        except Exception:  # whatever it makes of too few bytes
+            return 0
+
+    return Answer(adu[:2], 0, sized)
 
 
 def _request(adu: bytes, answer: Answer, writes: bool) -> Request:

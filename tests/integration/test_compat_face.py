@@ -35,7 +35,7 @@ async def test_every_function_of_pymodbus_is_answered_in_its_terms() -> None:
         assert (await client.read_holding_registers(2, count=2, **at)).registers == [102, 103]
         assert (await client.read_input_registers(2, count=2, **at)).registers == [102, 103]
         assert not (await client.write_coil(1, True, **at)).isError()
-        assert (await client.write_coils(2, [True, True, False], **at)).count == 3
+        assert not (await client.write_coils(2, [True, True, False], **at)).isError()
         assert (await client.read_coils(0, count=5, **at)).bits[:5] == [True, True, True, True, False]
         assert (await client.write_register(3, 9, **at)).registers == [9]
         assert (await client.write_registers(4, [8, 7], **at)).count == 2

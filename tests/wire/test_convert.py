@@ -37,6 +37,10 @@ def test_numbers_are_written_as_pymodbus_writes_them(kind: DataType, order: Any,
     assert convert_to_registers(values[0], kind, order) == theirs[: kind.value[1]]
 
 
+@pytest.mark.skipif(
+    pymodbus_of.convert_to_registers([True], pymodbus_of.DATATYPE.BITS) == [1],
+    reason="pymodbus had the bytes of bits the other way round before 3.12",
+)
 @given(st.lists(st.booleans(), min_size=1, max_size=40), orders)
 def test_bits_are_as_pymodbus_has_them(bits: list[bool], order: Any) -> None:
     theirs = pymodbus_of.convert_to_registers(list(bits), pymodbus_of.DATATYPE.BITS, word_order=order)

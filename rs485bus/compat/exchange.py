@@ -6,10 +6,12 @@ import struct
 
 from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException, ParameterException
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.file_message import ReadFifoQueueResponse
 
 from rs485bus.bus.bus import Bus
 from rs485bus.errors import BroadcastConflict, BusClosed, DeviceRefused, LimitExceeded, RequestFailed
 from rs485bus.wire.frames import HIGHEST_ADDRESS, MAX_ADDRESS, Request, from_pdu
+from rs485bus.wire.functions import fifo
 from rs485bus.wire.registers import Repeat
 
 
@@ -99,6 +101,8 @@ def _decoded(decoder: DecodePDU, request: ModbusPDU, reply: bytes) -> ModbusPDU:
         raise ModbusIOException(f"the reply {reply.hex(' ')} could not be decoded: {error}") from error
     if decoded is None:
         raise ModbusIOException(f"the reply {reply.hex(' ')} could not be decoded")
+    if isinstance(decoded, ReadFifoQueueResponse):
+        decoded.values = fifo(reply)  # pymodbus before 3.12 makes nothing of them
     decoded.dev_id = request.dev_id
     decoded.transaction_id = request.transaction_id
     return decoded

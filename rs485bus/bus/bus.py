@@ -164,6 +164,11 @@ class Bus:
         return self._owner.gate.connected and not self._owner.gate.closed
 
     @property
+    def closed(self) -> bool:
+        """Whether it was closed, for good."""
+        return self._owner.gate.closed
+
+    @property
     def stats(self) -> BusStats:
         """What happened on the bus since it was opened. Counts go on; copy what you want to keep."""
         stats = self._owner.journal.stats
@@ -183,6 +188,10 @@ class Bus:
         It is called on the event loop, between two frames: it must be quick.
         """
         return self._owner.journal.subscribe(observer)
+
+    def on_lost(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Have `callback` called whenever the port is lost. Returns a function that ends that."""
+        return self._port.listen(callback)
 
     async def drain(self) -> None:
         """Wait until no axis has anything queued or moving."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.owner import Owner
@@ -35,6 +36,7 @@ class Port:
         """Bytes came in."""
         runner.drop = self.drop
         self._trouble = ""
+        self._listeners: list[Callable[[], None]] = []
         self._transport = transport
         self._owner = owner
         self._runner = runner
@@ -66,6 +68,16 @@ class Port:
         """Why the port is away, or comes for moments only, and what to do about it; empty if it is there."""
         there = self._is_open and (self._was_of_use or self._answered() != self._answers)
         return "" if there else self._trouble
+
+    def listen(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Have `callback` called on the event loop whenever the port is lost. Returns a function that ends that."""
+        self._listeners.append(callback)
+
+        def end() -> None:
+            if callback in self._listeners:
+                self._listeners.remove(callback)
+
+        return end
 
     async def open(self) -> None:
         """Open it for the first time. Raises `PortError`."""
@@ -100,6 +112,8 @@ class Port:
         self._owner.unplugged(now)
         self._runner.run()
         self._try_later()
+        for listener in self._listeners:
+            self._loop.call_soon(listener)
 
     def drop(self, reason: str) -> None:
         """Give the connection up, and what is unsent with it; it is opened again."""

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
-import signal
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from typing import Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
 from rs485bus import __version__
 from rs485bus.cli.demo import run_demo
+from rs485bus.cli.process import Output, run
 from rs485bus.cli.serve import serve
 from rs485bus.cli.verify import question, verify
-from rs485bus.errors import BusError
-from rs485bus.sim import VirtualClockLoop
 
 app = typer.Typer(
     name="rs485bus",
@@ -26,10 +22,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-_console = Console(highlight=False)
+_console = Output(highlight=False)
 _errors = Console(stderr=True, highlight=False)
 
-_INTERRUPTED = 130
 _USUAL = [1, 2, 3]
 
 Port = Annotated[
@@ -117,28 +112,4 @@ def _check_once(addresses: list[int]) -> None:
 
 
 def _run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> None:
-    """Run a coroutine to its exit code, perhaps in virtual time; say what went wrong in words."""
-    # To be terminated is to be interrupted: the motors are stopped first.
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
-    try:
-        with asyncio.Runner(loop_factory=VirtualClockLoop if virtual else None) as runner:
-            code = runner.run(make())
-    except KeyboardInterrupt:
-        raise typer.Exit(_INTERRUPTED) from None
-    except (BusError, ValueError, ExceptionGroup) as error:
-        causes = list(_causes(error))
-        if not all(isinstance(cause, BusError | ValueError) for cause in causes):
-            raise
-        for text in dict.fromkeys(f"[red]{type(cause).__name__}:[/red] {escape(str(cause))}" for cause in causes):
-            _errors.print(text)
-        raise typer.Exit(1) from None
-    raise typer.Exit(code)
-
-
-def _causes(error: Exception) -> Iterator[Exception]:
-    """The errors in a group of groups."""
-    if isinstance(error, ExceptionGroup):
-        for inner in error.exceptions:
-            yield from _causes(inner)
-    else:
-        yield error
+    raise typer.Exit(run(make, _errors, virtual=virtual))

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import anyio.to_thread
 import serial
 import serial.rs485
 import serial_asyncio
@@ -19,6 +18,7 @@ from serial.tools import list_ports
 from rs485bus.errors import PortBusy, PortError, PortNotFound, PortPermissionDenied
 from rs485bus.transport.alarm import Alarm, make_alarm
 from rs485bus.transport.interface import Sink, SinkProtocol
+from rs485bus.transport.worker import in_thread
 from rs485bus.wire.timing import LineSettings
 
 try:
@@ -75,24 +75,7 @@ class SerialTransport:
 
     async def open(self, sink: Sink) -> None:
         """Open the port exclusively. Raises `PortError`, which says what to do."""
-        opened: list[_Port] = []
-        abandoned = False
-
-        def open_port() -> None:
-            port = _open(self.name, self.line, self._rs485_direction)
-            opened.append(port)
-            if abandoned:
-                port.close()
-
-        try:
-            await anyio.to_thread.run_sync(open_port)
-        except BaseException:
-            # Cancelled while the thread was at it: whoever comes last closes it.
-            abandoned = True
-            for port in opened:
-                port.close()
-            raise
-        port = opened[0]
+        port = await in_thread(lambda: _open(self.name, self.line, self._rs485_direction), _Port.close)
         protocol = self._protocol = SinkProtocol(sink)
         loop = asyncio.get_running_loop()
         try:

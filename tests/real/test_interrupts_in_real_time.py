@@ -64,6 +64,33 @@ def test_ctrl_c_stops_every_axis_and_turns_the_watchdogs_off(presses: int, turn:
     in_real_time(main)
 
 
+LEAVING = """
+async def turn(x, y):
+    await asyncio.gather(x.run(600), y.run(600))
+    print("turning", flush=True)
+    async with asyncio.TaskGroup() as group:
+        group.create_task(leave())
+        await x.move_to(1000.0)
+
+async def leave():
+    sys.exit(3)
+"""
+
+
+def test_a_program_that_exits_in_one_of_its_tasks_stops_every_axis_and_ends() -> None:
+    async def main() -> None:
+        sims = [SimMks(1), SimMks(2)]
+        line = VirtualLine(*sims, baudrate=115200)
+        loop = asyncio.get_running_loop()
+        async with await line.serve_pty() as port:
+            async with running(sys.executable, "-c", LEAVING + SCRIPT, port.path, ready="turning") as process:
+                assert await asyncio.wait_for(process.wait(), 10) == 3
+            assert not any(sim.moving(loop.time()) for sim in sims)
+            assert [sim.watchdog_ms for sim in sims] == [0, 0]
+
+    in_real_time(main)
+
+
 def test_a_process_that_is_killed_leaves_the_drives_to_their_watchdogs() -> None:
     async def main() -> None:
         sims = [SimMks(1), SimMks(2)]

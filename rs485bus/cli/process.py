@@ -1,0 +1,110 @@
+"""A command as a process: what its signals and its exit codes mean, and what becomes of it when nobody reads on."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from rs485bus.errors import BusError
+from rs485bus.sim import VirtualClockLoop
+
+INTERRUPTED = 130
+FAILED = 1
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+
+
+class Output(Console):
+    """The standard output. Where nobody reads it any more, `BrokenPipeError` is raised once, and nothing afterwards."""
+
+    def on_broken_pipe(self) -> None:
+        """rich would raise `SystemExit`, which ends an event loop before the motors stand."""
+        self.quiet = True
+        nobody_reads()
+        raise BrokenPipeError("nobody reads the output any more")
+
+
+def nobody_reads() -> None:
+    """Write to nowhere from now on."""
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+def run(make: Callable[[], Coroutine[Any, Any, int]], errors: Console, *, virtual: bool = False) -> int:
+    """Run a coroutine, perhaps in virtual time; say what went wrong in words.
+
+    To be terminated, to lose the terminal and to be interrupted once or often are the same: the coroutine is cancelled,
+    and the motors are stopped before the command ends. A signal that the command was started to ignore stays ignored;
+    a shell has its background jobs ignore Ctrl-C.
+
+    Returns:
+        The exit code.
+    """
+    task: asyncio.Task[Any] | None = None
+    signalled = False
+
+    def cancel() -> None:
+        nonlocal signalled
+        signalled = True
+        if task is not None and not task.done():
+            loop.call_soon_threadsafe(task.cancel)
+
+    async def main() -> int:
+        nonlocal task
+        task = asyncio.current_task()
+        return INTERRUPTED if signalled else await make()
+
+    try:
+        with _signals(cancel), asyncio.Runner(loop_factory=VirtualClockLoop if virtual else None) as runner:
+            loop = runner.get_loop()
+            return runner.run(main())
+    except asyncio.CancelledError:
+        if not signalled:
+            raise
+        return INTERRUPTED
+    except (BusError, ValueError, OSError, ExceptionGroup) as error:
+        causes = list(_causes(error))
+        if not all(isinstance(cause, BusError | ValueError | OSError) for cause in causes):
+            raise
+        told = [cause for cause in causes if not isinstance(cause, BrokenPipeError)]
+        if len(told) < len(causes):
+            nobody_reads()
+        for text in dict.fromkeys(f"[red]{type(cause).__name__}:[/red] {escape(str(cause))}" for cause in told):
+            errors.print(text)
+        return FAILED
+
+
+@contextmanager
+def _signals(cancel: Callable[[], None]) -> Iterator[None]:
+    """Have what ends a process call `cancel` instead."""
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        cancel()
+
+    handled = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    former = {number: signal.getsignal(number) for number in handled}
+    for number, handler in former.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+
+
+def _causes(error: Exception) -> Iterator[Exception]:
+    """The errors in a group of groups."""
+    if isinstance(error, ExceptionGroup):
+        for inner in error.exceptions:
+            yield from _causes(inner)
+    else:
+        yield error

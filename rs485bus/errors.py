@@ -63,6 +63,10 @@ class WatchdogInUse(BusError):
     """A device is guarded by a watchdog block already."""
 
 
+class NotGuarding(BusError, RuntimeError):
+    """A watchdog block was told to renew its lease before it was entered, or after it was left."""
+
+
 class WrongThread(BusError, RuntimeError):
     """The bus was called from another thread than the one its event loop runs in."""
 

@@ -24,8 +24,10 @@ from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
 from rs485bus.bus.units.broadcast import is_broadcast, moved_by
 from rs485bus.bus.units.motion import Motion
-from rs485bus.bus.watchdog.guard import WatchdogGuard, warn_of
+from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop, shut_down
+from rs485bus.bus.watchdog.releasing import restore_late
+from rs485bus.bus.watchdog.report import warn_of, warn_of_strain
 from rs485bus.errors import AddressInUse, BusClosed, BusError, LoopNotRunning, WrongThread
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request
@@ -53,6 +55,8 @@ class Bus:
         self._thread = threading.get_ident()
         self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
         self._owner.feeding.on_escape = warn_of
+        self._owner.feeding.on_strain = warn_of_strain
+        self._owner.on_released = lambda unit: restore_late(self._owner, unit)
         self._pump = OwnerRunner(self._owner, transport, self._loop)
         self._owner.starts.poke = self._pump.run
         self._port = Port(transport, self._owner, self._pump, config)

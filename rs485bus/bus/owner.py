@@ -26,6 +26,8 @@ from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
+from rs485bus.bus.watchdog.maker import WatchdogMaker
+from rs485bus.bus.watchdog.register_writes import RegisterWrites
 from rs485bus.wire.exceptions import Meaning
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
@@ -38,6 +40,9 @@ _log = logging.getLogger("rs485bus")
 FOREVER = float("inf")
 _STOPS = (Urgency.STOP,)
 _SOON = (Urgency.FEED, Urgency.CONFIRM)
+_STOPPING = (Urgency.STOP, Urgency.CONFIRM)
+_BROADCAST = 32
+"""Bytes of a broadcast that is always allowed, however tight the armed watchdogs are."""
 
 
 class Owner:
@@ -58,11 +63,13 @@ class Owner:
         self.one_way_ends_at = FOREVER
         """When the latest frame that nobody answers (a broadcast) must have gone out; infinity where none is out."""
         self.journal = Journal()
-        self.feeding = Feeding()
-        self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window)
         silence = config.tcp_gap if gateway else line.t35
+        self.feeding = Feeding(line.budget(_BROADCAST, config.turnaround, 0) + silence)
+        self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window)
+        self.watchdogs = WatchdogMaker(line, silence, self.journal)
         self.pair = SerialLine(line, silence, None if config.echo == "auto" else config.echo, now)
-        self.gate = AdmissionControl(self.pair, self.units, self.feeding)
+        self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
+        self._register_writes = RegisterWrites(self.feeding, self.gate.hearing, self.watchdogs.make)
         self._queue = Queue()
         self._repeating = Repeating(config.retries, self._queue, self._end)
         self.starts = BurstScheduler(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
@@ -72,6 +79,8 @@ class Owner:
         self._wake = FOREVER
         self._lead = 0.0
         self._after_stops: list[Callable[[], None]] = []
+        self.on_released: Callable[[UnitState], None] = lambda unit: None
+        """Told that a device stands at last whose watchdog block was left before it did."""
         self._timers = Timers()
         self._procedures = Scheduler(lambda job: self.submit(job, self.now), self._timers, now)
 
@@ -146,9 +155,11 @@ class Owner:
         self._timers.run(now)
         for watch in self.feeding.overdue(now):
             self.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
+        if self.feeding.strained:
+            self._give_up_hopeless()
         pair, job, frame, wake = self.pair, None, None, FOREVER
         if pair.job is not None:
-            wake = pair.wait_until(self._queue.has(Urgency.STOP))
+            wake = pair.wait_until(self._stop_waits())
             if now >= wake:
                 self._unanswered("no reply" if now >= pair.deadline else "cut")
         if pair.job is None and self.gate.connected:
@@ -159,7 +170,7 @@ class Owner:
                 wake = min(wake, self._wake)
         if job is not None:
             frame = self._send(job, max(now, pair.quiet_at))
-            wake = pair.quiet_at if pair.job is None else pair.wait_until(self._queue.has(Urgency.STOP))
+            wake = pair.quiet_at if pair.job is None else pair.wait_until(self._stop_waits())
         self._wake = wake
         if self._after_stops and not (self.gate.connected and self._queue.has(Urgency.STOP)):
             self._stops_are_out()
@@ -174,7 +185,7 @@ class Owner:
             self._unanswered("lost")
         for job in tuple(self._one_way):  # nobody knows whether it went out
             self._one_way_ended(job, Outcome.UNKNOWN, Reason.UNPLUGGED)
-        self._flush(self._queue, lambda job: job.moves and not job.internal, Reason.UNPLUGGED)
+        self._flush(self._queue, self.gate.needs_port, Reason.UNPLUGGED)
         for unit in self.units:
             watch = self.feeding.get(unit.address)
             if watch is not None:
@@ -191,6 +202,8 @@ class Owner:
         for unit in self.units:
             if unit.attached is not None and unit.attached.motion.may_move:
                 self.halt(unit, unit.attached.motion, emergency=True)
+            elif unit.may_be_armed and not unit.guarded:
+                self.on_released(unit)
 
     def close(self, now: float) -> None:
         """End everything that waits."""
@@ -230,17 +243,23 @@ class Owner:
 
     def trip(self, watch: ArmedWatchdog, reason: str) -> None:
         """The device may have been stopped by its watchdog: it moves only after it was armed again."""
-        self.feeding.disarm(watch.address)
+        self.feeding.trip(watch)
         unit = self.units[watch.address]
         attached = unit.attached
         assert attached is not None
         unit.locked = f"its watchdog may have stopped it: {reason}"
-        unit.rearm = watch.timeout
+        # Outside of a block nothing is armed again; but what can be read to be on is fed again.
+        unit.rearm = watch.timeout if unit.guarded or _can_be_read(unit) else None
         attached.motion.stop()
         self._flush(self._queue.of(watch.address), lambda job: job.is_stale, Reason.LOCKED)
         if attached.motion.may_move:
             self.halt(unit, attached.motion, emergency=True)
         attached.interrupted(self.now - watch.heard_at, reason)
+
+    def _give_up_hopeless(self) -> None:
+        """Where devices answer too slowly for all to be fed, stop the slowest instead of starving the others."""
+        while (watch := self.feeding.hopeless(self.now)) is not None:
+            self.trip(watch, f"it takes {1000 * watch.takes:.0f} ms to be fed now, and cannot be fed in time any more")
 
     def flush(self, reason: Reason) -> None:
         """End every job that waits but the bus' own and stops."""
@@ -257,6 +276,8 @@ class Owner:
         unit.halt = None
         unit.is_stops_only = False
         self.feeding.unmute(unit.address)
+        if unit.may_be_armed and not unit.guarded:
+            self.on_released(unit)
 
     def _left_alone(self, unit: UnitState) -> float:
         """Until when a device is left alone that three stops did not bring to a stand."""
@@ -268,6 +289,11 @@ class Owner:
         return unit.silent_until
 
     # What goes next
+
+    def _stop_waits(self) -> bool:
+        """Whether a stop waits that could go now if nothing were on the wire."""
+        waits = self._queue.has(Urgency.STOP)
+        return waits and any(self.gate.wait(job, self.now) <= self.now for job in self._queue.heads(Urgency.STOP))
 
     def _free_at(self) -> float:
         """From when on the next frame may be handed out, if nothing is out."""
@@ -299,7 +325,8 @@ class Owner:
                 return job, again
             wake = min(wake, again)
         if watch is not None:
-            return self._feed(watch, wake)
+            other = self._take_its_turn() if self.feeding.yields else None
+            return self._feed(watch, wake) if other is None else (other, wake)
         wake = min(wake, self.feeding.look_at)
         job, again = self._queue.take(self._admit, _SOON)
         if job is not None or kept:
@@ -328,7 +355,7 @@ class Owner:
         pause = self.units[watch.address].pause
         if pause and (again := self.gate.pauses.quiet_for(pause)) > self.now:
             return None, min(wake, again)
-        return next_feed(watch, self._queue, self.units, self._admit, self.now), wake
+        return next_feed(watch, self.feeding, self._queue, self.units, self._admit, self.now), wake
 
     def _keep_quiet(self) -> tuple[Job | None, float]:
         """The job that the pair is kept quiet for, if it may go, or when to ask again; neither if it is not kept."""
@@ -342,6 +369,17 @@ class Owner:
             return None, 0.0
         self._queue.remove(job)
         return (job if verdict == READY else None), 0.0
+
+    def _take_its_turn(self) -> Job | None:
+        """What else goes before a feed, if there is anything, and time for it."""
+        if not self._queue.size:
+            return None
+        job, _ = self._queue.take(self._admit, _SOON)
+        if job is None:
+            job, _ = self._queue.take_rest(self._admit)
+        if job is None:
+            self.feeding.starved(self.now)
+        return job
 
     def _admit(self, job: Job) -> float:
         reason = self.gate.refusal(job)
@@ -373,6 +411,7 @@ class Owner:
             job.motion.commanded(start)
         unit = self.units[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
+        self.feeding.sent(job.feeds)
         self.pair.begin(job, start, timeout, self.units.late(self.now))
         if not job.expects_reply:
             sent = self.pair.quiet_at - self.pair.silence
@@ -384,6 +423,8 @@ class Owner:
             self.at(over, lambda: self._one_way_ended(job, Outcome.REPLY))
         elif not job.request.writes:
             unit.last_read = job.request
+        if job.request.writes:
+            self._register_writes.sent(job)
         return job.request.adu
 
     def _one_way_ended(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
@@ -432,9 +473,11 @@ class Owner:
             self._fed_nothing(job)
             self._repeating.after_exception(job, meaning, self.now)
             return
-        self.feeding.heard(unit.address, since)
+        self.feeding.heard(unit.address, since, job.sent_at)
         if job.feeds:
             self.feeding.fed(unit.address, self.now - job.sent_at + self.pair.silence)
+        if job.request.writes:
+            self._register_writes.acknowledged(job, unit)
         if unit.attached is not None and job.internal and since == job.sent_at:
             unit.attached.told(job.request, frame, since)
         self._end(job, Outcome.REPLY)
@@ -454,18 +497,20 @@ class Owner:
             self.pair.exchange.settle()
             self.units.unanswered(unit, job, self.now)
         self.pair.end(self.units.late(self.now))
-        self._fed_nothing(job)
+        self._fed_nothing(job, how)
+        if self.feeding.armed and job.urgency in _STOPPING and self.gate.is_rationed(job):
+            self.gate.ration.spend(self.now - job.sent_at, self.now)
         if how != "lost" and not unit.reach.silent and self._repeating.after_silence(job, self.now):
             return
         if how == "no reply" and not job.internal:
             self.units.missed(unit, self.now, self.config.offline_after)
         self._end(job, _silence_of(job), Reason.UNPLUGGED if how == "lost" else Reason.NONE)
 
-    def _fed_nothing(self, job: Job) -> None:
+    def _fed_nothing(self, job: Job, how: str = "refused") -> None:
         """The job's latest attempt was not acknowledged."""
         if job.feeds:
             job.feeds = False
-            self.feeding.failed(job.address, self.now, self.now - job.sent_at)
+            self.feeding.failed(job.address, self.now, self.now - job.sent_at, cut=how == "cut")
 
     # How jobs end
 
@@ -523,3 +568,9 @@ def _silence_of(job: Job) -> Outcome:
     """What it means that a job was sent and not answered."""
     safe = job.repeat is Repeat.SAFE or not job.request.writes
     return Outcome.NO_REPLY if safe else Outcome.UNKNOWN
+
+
+def _can_be_read(unit: UnitState) -> bool:
+    """Whether its watchdog register can."""
+    watchdog = None if unit.attached is None else unit.attached.watchdog
+    return watchdog is not None and watchdog.read() is not None

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.handle import Handle
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Urgency
@@ -42,6 +43,9 @@ class BusProtocol(Protocol):
 
     def now(self) -> float:
         """The time on the bus' clock, in seconds."""
+
+    def unseen(self, handle: Handle[Any]) -> None:
+        """A command failed: it is told, unless somebody sees it."""
 
     def poke(self) -> None:
         """The owner has something new to wait for."""

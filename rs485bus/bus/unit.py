@@ -217,6 +217,7 @@ class Unit(DataFunctions, DiagnosticFunctions):
             probe_request = spans([probe], combine=False)[0].request(self.address, self.highest)
         if (waits, quiet) != (state.reply_timeout, state.pause):
             self._bus.owner.gate.check_wait(state, waits, quiet)
+            self._bus.owner.feeding.wait_longer(self.address, waits + quiet - state.reply_timeout - state.pause)
             state.reply_timeout, state.pause = waits, quiet
         if probe is not None:
             state.probe = probe_request if probe else False

@@ -2,28 +2,56 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.schedule.job import Job, Reason, Urgency
 from rs485bus.bus.schedule.pauses import PauseKeeper
 from rs485bus.bus.schedule.queue import READY
+from rs485bus.bus.stopping.ration import SILENT, StopRation
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
+from rs485bus.bus.watchdog.reckoning import add_up
 from rs485bus.errors import WatchdogInfeasible
 from rs485bus.wire.frames import MAX_FRAME, Request
 
 _FOREVER = float("inf")
+_STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 
 
 class AdmissionControl:
-    """The state of the bus, as far as it keeps jobs off the wire."""
+    """The state of the bus, as far as it keeps jobs off the wire.
 
-    __slots__ = ("_feeding", "_line", "_units", "closed", "connected", "latched", "pauses", "settled")
+    Args:
+        pair: the pair.
+        units: what is known of each address.
+        feeding: the armed watchdogs.
+        turnaround: seconds of silence after a broadcast.
+    """
 
-    def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding) -> None:
+    __slots__ = (
+        "_feeding",
+        "_line",
+        "_silence",
+        "_turnaround",
+        "_units",
+        "closed",
+        "connected",
+        "latched",
+        "pauses",
+        "ration",
+        "settled",
+    )
+
+    def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding, turnaround: float) -> None:
         self._line = pair.line
         self.pauses = PauseKeeper(pair)
         self._units = units
         self._feeding = feeding
+        self._silence = pair.silence
+        self._turnaround = turnaround
+        self.ration = StopRation()
+        """Of stops to devices that do not answer."""
         self.latched = False
         """An emergency stop was made; nothing moves until it is cleared."""
         self.closed = False
@@ -37,6 +65,8 @@ class AdmissionControl:
             return Reason.CLOSED
         if job.is_stale:
             return Reason.STOPPED
+        if job.urgency is Urgency.FEED and not self.connected:
+            return Reason.UNPLUGGED
         if job.internal or job.urgency is Urgency.STOP:
             return Reason.NONE
         if self._feeding.armed and job.request.writes and self._disrupts(job):
@@ -48,7 +78,7 @@ class AdmissionControl:
         if job.moves and not self.connected:
             return Reason.UNPLUGGED
         if job.is_broadcast:
-            return Reason.LOCKED if job.moves and any(unit.locked for unit in self._hearing(job)) else Reason.NONE
+            return Reason.LOCKED if job.moves and any(unit.locked for unit in self.hearing(job)) else Reason.NONE
         unit = self._units[job.address]
         if unit.reach.offline:
             return Reason.OFFLINE
@@ -56,7 +86,11 @@ class AdmissionControl:
             return Reason.EMERGENCY if self.latched else Reason.STOPPED
         return Reason.LOCKED if job.moves and unit.locked else Reason.NONE
 
-    def _hearing(self, job: Job) -> list[UnitState]:
+    def needs_port(self, job: Job) -> bool:
+        """Whether it is not worth waiting for a port that was lost: a motion, or the arming of a watchdog."""
+        return (job.moves and not job.internal) or job.urgency is Urgency.FEED
+
+    def hearing(self, job: Job) -> list[UnitState]:
         """The attached devices that would act on it."""
         if not job.is_broadcast:
             unit = self._units[job.address]
@@ -64,19 +98,22 @@ class AdmissionControl:
         return [unit for unit in self._units if unit.attached is not None and unit.attached.hears(job.request)]
 
     def _disrupts(self, job: Job) -> bool:
-        return any(unit.attached is not None and unit.attached.disrupts(job.request) for unit in self._hearing(job))
+        return any(unit.attached is not None and unit.attached.disrupts(job.request) for unit in self.hearing(job))
 
     def _takes(self, job: Job) -> float:
+        """How long it may take the wire."""
         if job.is_broadcast:
-            return 0.0  # the turnaround is part of what was admitted
+            return self._line.budget(len(job.request.adu), self._turnaround, 0) + self._silence
         unit = self._units[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
         pause = unit.pause if job.pause is None else job.pause
-        return pause + self._line.budget(len(job.request.adu), timeout, job.request.length or MAX_FRAME)
+        length = job.request.length or MAX_FRAME
+        return pause + self._line.budget(len(job.request.adu), timeout, length) + self._silence
 
     def longest_wait(self, request: Request) -> float:
         """How long the answer to a request may be waited for, in seconds, lest an armed watchdog trips."""
-        return self._feeding.slack - self._line.budget(len(request.adu), 0.0, request.length or MAX_FRAME)
+        budget = self._line.budget(len(request.adu), 0.0, request.length or MAX_FRAME)
+        return self._feeding.slack - budget - self._silence
 
     def check_wait(self, unit: UnitState, reply_timeout: float, pause: float) -> None:
         """Refuse to wait longer for a device than the armed watchdogs allow: it is asked unbidden, to feed it, say.
@@ -94,15 +131,30 @@ class AdmissionControl:
                 "block first, or use a longer watchdog.",
                 {"needed": reply_timeout + pause, "available": allowed},
             )
+        watch = self._feeding.get(unit.address)
+        longer = reply_timeout + pause - unit.reply_timeout - unit.pause
+        if watch is None or longer <= 0:
+            return
+        changed = replace(watch, attempt=watch.attempt + longer, occupies=watch.occupies + longer)
+        others = [other for other in self._feeding.with_planned().values() if other.address != unit.address]
+        reckoning = add_up([changed, *others], self._feeding.turnaround)
+        if not reckoning.fits:
+            raise WatchdogInfeasible(
+                f"Unit {unit.address} cannot be waited for {1000 * longer:.0f} ms longer: the watchdogs on the bus "
+                f"could not be fed in time. {reckoning}. Leave the watchdog block first, or use a longer watchdog.",
+                reckoning.numbers,
+            )
 
     def wait(self, job: Job, now: float) -> float:
         """Until when a job that may be sent must wait; READY if it need not."""
         if job.not_before > now:
             return job.not_before
+        if self._feeding.armed and (until := self._wait_for_feeds(job, now)) > now:
+            return until
         if not self.settled and job.request.writes and job.urgency is not Urgency.STOP:
             return _FOREVER
         if job.is_broadcast:
-            return _FOREVER if job.moves and any(unit.halt for unit in self._hearing(job)) else READY
+            return _FOREVER if job.moves and any(unit.halt for unit in self.hearing(job)) else READY
         unit = self._units[job.address]
         if job.moves and unit.halt is not None:
             return _FOREVER
@@ -122,6 +174,22 @@ class AdmissionControl:
         if self.wait(job, now) <= now:
             return Reason.EXPIRED  # others had the wire
         unit = self._units[job.address]
-        if any(hearing.halt for hearing in self._hearing(job)) or unit.silent_until > now:
+        if any(hearing.halt for hearing in self.hearing(job)) or unit.silent_until > now:
             return Reason.STOPPING
         return Reason.OWED if unit.late else Reason.EXPIRED
+
+    def _wait_for_feeds(self, job: Job, now: float) -> float:
+        """Until when it must wait lest an armed watchdog trips; forever, where what comes first is a feed."""
+        feeding = self._feeding
+        if job.urgency in _STOPPING and self.is_rationed(job):
+            if self.ration.free_at() > now:
+                return self.ration.free_at()
+        elif job.urgency is Urgency.STOP or not feeding.pressed:
+            return READY
+        return READY if feeding.affords(self._takes(job), now) else _FOREVER
+
+    def is_rationed(self, job: Job) -> bool:
+        """Whether it is meant to stop a device that does not answer, while others are guarded."""
+        if job.is_broadcast or not self._feeding.guards_others(job.address):
+            return False
+        return self._units[job.address].reach.missed_in_a_row >= SILENT

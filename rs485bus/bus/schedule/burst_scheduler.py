@@ -114,11 +114,13 @@ class BurstScheduler:
         takes_all = sum(takes(self._pair.line, self._pair.silence, job.request) for job in jobs)
         until = now
         for job in jobs:
-            reason = Reason.BURST_TOO_LONG if takes_all > self._feeding.slack else self._gate.refusal(job)
+            reason = Reason.BURST_TOO_LONG if takes_all > self._feeding.burst_slack else self._gate.refusal(job)
             if reason is not Reason.NONE:
                 self._take_out(job, reason)
                 break
             until = max(until, self._gate.wait(job, now))
+        if self._feeding.armed and not self._feeding.spares(takes_all, now):
+            until = max(until, now + _LOOK_EVERY)
         return until
 
     def is_free(self, now: float) -> bool:

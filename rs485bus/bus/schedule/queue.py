@@ -117,6 +117,10 @@ class Queue:
         lane = self._lanes[urgency]
         return bool(lane) if address is None else address in lane
 
+    def heads(self, urgency: Urgency) -> list[Job]:
+        """The first job of this urgency for each address."""
+        return [next(iter(line)) for line in self._lanes[urgency].values()]
+
     def __iter__(self) -> Iterator[Job]:
         for lane in self._lanes:
             for line in list(lane.values()):

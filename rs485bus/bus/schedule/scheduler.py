@@ -1,10 +1,11 @@
-"""The procedures that the owner drives: they wait for jobs, times and halts. Pure."""
+"""The procedures that the owner drives: they wait for jobs, times, halts and each other. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.schedule.timers import Timers
 from rs485bus.bus.stopping.halt import Halt, Procedure
@@ -34,7 +35,7 @@ class Scheduler:
     def _resume(self, procedure: Procedure[T], done: Callable[[T], None], value: Any) -> None:
         try:
             wanted = procedure.send(value)
-            while isinstance(wanted, Halt) and wanted.told is not None:
+            while isinstance(wanted, Halt | Endings) and wanted.told is not None:
                 wanted = procedure.send(wanted.told)
         except StopIteration as end:
             done(end.value)
@@ -42,7 +43,7 @@ class Scheduler:
         if isinstance(wanted, Job):
             wanted.on_end = lambda job: self._resume(procedure, done, job.ended_at)
             self._submit(wanted)
-        elif isinstance(wanted, Halt):
-            wanted.listen(lambda halted: self._resume(procedure, done, halted))
+        elif isinstance(wanted, Halt | Endings):
+            wanted.listen(lambda told: self._resume(procedure, done, told))
         else:
             self._timers.at(wanted, lambda: self._resume(procedure, done, self.now))

@@ -3,8 +3,8 @@
 A stop is never confirmed by its echo, only by reading, after it was sent, that the axis stands. A halt is not done
 until that was read; after three stops in vain it says so and goes on more quietly.
 
-Procedures are generators that the owner drives: they yield what they wait for (a job, a time, another halt) and are
-resumed with what came of it. They belong to no task, so nothing can cancel them.
+Procedures are generators that the owner drives: they yield what they wait for (a job, a time, a halt, other procedures)
+and are resumed with what came of it. They belong to no task, so nothing can cancel them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar, Union
 
 from rs485bus.bus.line.pending import PendingReplies
+from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import NEVER, Motion
@@ -21,7 +22,7 @@ from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
-Wanted = Union[Job, float, "Halt"]
+Wanted = Union[Job, float, "Halt", Endings[Any]]
 Procedure = Generator[Wanted, Any, T]
 
 STOPS = 3

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from rs485bus.bus.units.motion import Motion
+from rs485bus.wire.answers import READ_WRITE, WRITE_MULTIPLE, WRITE_SINGLE
 from rs485bus.wire.frames import Request
 
 
@@ -32,6 +33,10 @@ class StandstillDetector(ABC):
 class WatchdogRegister(ABC):
     """The watchdog register of a device."""
 
+    register: int
+    """Its address."""
+    count: int = 1
+    """How many registers it takes."""
     off: int = 0
     """The value, in milliseconds, that turns it off."""
     highest: int
@@ -48,6 +53,19 @@ class WatchdogRegister(ABC):
     def decode(self, reply: bytes) -> int:
         """The milliseconds in such a reply."""
         raise NotImplementedError
+
+    def set_by(self, request: Request) -> int | None:
+        """The milliseconds that a request would set it to; None if it would not."""
+        if request.function == WRITE_SINGLE:
+            first, data = request.register, request.adu[4:6]
+        elif request.function == WRITE_MULTIPLE:
+            first, data = request.register, request.adu[7:-2]
+        elif request.function == READ_WRITE:
+            first, data = int.from_bytes(request.adu[6:8], "big"), request.adu[11:-2]
+        else:
+            return None
+        at, size = 2 * (self.register - first), 2 * self.count
+        return int.from_bytes(data[at : at + size], "big") if 0 <= at <= len(data) - size else None
 
 
 class DeviceAdapter(ABC):
@@ -66,6 +84,8 @@ class DeviceAdapter(ABC):
     watchdog: WatchdogRegister | None = None
     combines_reads: bool = True
     """Whether neighbouring registers may be read with one request."""
+    longest: int = 51
+    """Bytes, request and reply together, of the longest request that its facade makes but for those that disrupt."""
 
     @abstractmethod
     def reads(self) -> Sequence[Request]:

@@ -57,6 +57,11 @@ class Reachability:
         """Whether it has fallen silent. Nothing is repeated then: repetitions are for what a line loses."""
         return self._streak >= SILENCE
 
+    @property
+    def missed_in_a_row(self) -> int:
+        """Attempts in a row that were not answered."""
+        return self._streak
+
     def flaps(self, now: float) -> bool:
         """Whether it fell silent only just now."""
         return now - self._silent_at < FLAPPING

@@ -6,11 +6,13 @@ from collections.abc import Iterator
 from typing import Literal
 
 from rs485bus.bus.line.pending import PendingReplies
+from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import NEVER
 from rs485bus.bus.units.reachability import ProbeBudget, Reachability
+from rs485bus.bus.watchdog.armed import Ledger
 from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request, read_holding
 
@@ -22,20 +24,23 @@ class UnitState:
         "address",
         "attached",
         "former",
-        "guarded",
         "halt",
         "is_stops_only",
         "lapsed",
         "last_read",
         "late",
         "late_reply_window",
+        "ledger",
         "locked",
+        "may_be_armed",
         "pause",
         "probe",
         "reach",
         "rearm",
         "reply_timeout",
+        "restoring",
         "silent_until",
+        "watchdog_ms",
     )
 
     def __init__(self, address: int, in_order: bool, reply_timeout: float, late_reply_window: float) -> None:
@@ -61,11 +66,22 @@ class UnitState:
         self.lapsed = False
         """Its lease was not renewed, nor has it been since."""
         self.rearm: float | None = None
-        """The watchdog time, in seconds, to arm it with when it is."""
-        self.guarded = False
-        """A watchdog block holds it."""
+        """The watchdog time, in seconds, to feed it by again when it is enabled: it may have tripped."""
+        self.ledger: Ledger | None = None
+        """How it was fed in the watchdog block that holds it; None if none does."""
+        self.may_be_armed = False
+        """A watchdog block has set its register, or has tried to, and has not restored it since."""
+        self.restoring: Endings[None] | None = None
+        """Its register is being restored; that is what it waits for."""
         self.former: int | None = None
-        """What its watchdog was set to before it was armed here, in ms, if that could be read."""
+        """What its register held before that, in ms; None if that is not known."""
+        self.watchdog_ms: int | None = None
+        """What this bus wrote into its register last, in ms, if the device took it; None if that is not known."""
+
+    @property
+    def guarded(self) -> bool:
+        """Whether a watchdog block holds it."""
+        return self.ledger is not None
 
     def attach(self, attached: DeviceAdapter | None) -> None:
         """A device is known at this address, with timing of its own if it has any."""

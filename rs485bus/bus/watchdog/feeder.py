@@ -6,12 +6,16 @@ from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.schedule.queue import Admission, Queue
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.unit_state import UnitStates
-from rs485bus.bus.watchdog.feeding import ArmedWatchdog
+from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 
 _NOT_NOW = float("inf")
+_BRIEFEST = 0.001
+"""Seconds for which the answer to a feed is waited for at the least."""
 
 
-def next_feed(watch: ArmedWatchdog, queue: Queue, units: UnitStates, admit: Admission, now: float) -> Job:
+def next_feed(
+    watch: ArmedWatchdog, feeding: Feeding, queue: Queue, units: UnitStates, admit: Admission, now: float
+) -> Job:
     """What to send to a device that is due.
 
     On a bus that is never idle something waits for most devices. It goes a little before its turn, instead of in
@@ -19,15 +23,18 @@ def next_feed(watch: ArmedWatchdog, queue: Queue, units: UnitStates, admit: Admi
 
     Args:
         watch: the watchdog that is due.
+        feeding: all of them.
         queue: what waits for the wire. What goes is taken out of it.
-        stations: the addresses.
+        units: the addresses.
         admit: whether a job may go.
         now: the time, in seconds.
     """
     unit = units[watch.address]
     attached = unit.attached
     assert attached is not None
-    if queue.size and watch.failures == 0:
+    wait = feeding.wait(watch, now)
+    in_full = wait >= watch.attempt
+    if queue.size and watch.failures == 0 and in_full:
         waiting = queue.take_of(watch.address, lambda job: admit(job) if _is_as_short(job, attached) else _NOT_NOW)
         if waiting is not None:
             waiting.feeds = True
@@ -38,9 +45,12 @@ def next_feed(watch: ArmedWatchdog, queue: Queue, units: UnitStates, admit: Admi
         # One whose reply is not owed, or else one that proves less.
         unit.late.expire(now)
         request = next((read for read in reads if not unit.late.must_wait(read)), request)
-    watch.feeds += 1
+    watch.ledger.feeds += 1
     job = Job(request, urgency=Urgency.FEED, ignores_late_replies=True, internal=True, retries=0)
     job.feeds = True
+    if not in_full:
+        # Others would trip if this one were waited for as long as it may take.
+        job.reply_timeout = max(_BRIEFEST, unit.reply_timeout - (watch.attempt - wait))
     return job
 
 

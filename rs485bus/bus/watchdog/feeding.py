@@ -1,87 +1,103 @@
-"""Which watchdog is due when, and whether the set can be fed at all. Pure.
+"""Which watchdog is due when, and how long its device may take to answer. Pure.
 
 A device has been heard since the *sending* of the last frame it acknowledged: when exactly it saw the frame is not
 known, but not earlier than that. It is due when it would have been unheard for a third of its time, and earlier where
 several would be due at once, since the pair carries only one feed at a time. Where nothing else waits for the pair,
 those that are due soon are fed together: an idle computer wakes up once for all of them.
+
+A feed that is not answered is repeated at once. Where more fails than admission reckons with, the devices that still
+answer go first: those that missed a feed get what is left, and those that missed two a half of that at most.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from operator import attrgetter
 
-from rs485bus.errors import WatchdogInfeasible
+from rs485bus.bus.watchdog.armed import ArmedWatchdog, Ledger
+from rs485bus.bus.watchdog.reckoning import LOST, SHARE, Reckoning, add_up, admit, latest_start
 
-SHARE = 1 / 3
-"""The part of a watchdog's time after which its device is due."""
+__all__ = ["SHARE", "ArmedWatchdog", "Feeding", "admit"]
+
 TOGETHER = 1 / 12
 """The part of a watchdog's time by which its device is fed early, together with others."""
 NARROW = 3 / 4
 """The part of a watchdog's time after which it was a narrow escape if the device is heard at last."""
+_SLOWER = 1.25, 0.001
+"""By how much a feed must take longer than was reckoned with, to reckon anew: this many times, and seconds."""
+_EARLY = 1.005
+"""Devices that were fed one behind the other are due one behind the other. They are begun with a little earlier than
+that, so that something else may go between them."""
+_ROW = 2
+"""Feeds after which something else has its turn, where feeds need more than was admitted."""
 _due = attrgetter("due")
+_takes = attrgetter("takes")
+_least_wait = attrgetter("least_wait")
 _SOON = float("-inf")
 _MUTED = float("inf")
 
 
-@dataclass(slots=True)
-class ArmedWatchdog:
-    """One armed watchdog; all times are seconds on the owner's clock."""
-
-    address: int
-    timeout: float
-    cost: float
-    """How long one feed may take on the wire, if it is answered."""
-    heard_at: float
-    armed_at: float
-    takes: float = field(init=False)
-    """How long one took of late."""
-    feeds: int = 0
-    """Feeds sent."""
-    longest: float = 0.0
-    """The longest time the device was unheard."""
-    failures: int = 0
-    """Feeds in a row that were not answered."""
-    retry_at: float = 0.0
-    """Not to be fed before, because a feed just failed."""
-    escaped: bool = False
-    """It was heard only in the last quarter of its time, once."""
-
-    due: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.takes = self.cost
-        self.heard(self.heard_at)
-
-    def heard(self, since: float) -> None:
-        """It acknowledged a frame that was sent at `since`."""
-        self.heard_at = since
-        self.due = since + SHARE * self.timeout
-
-    @property
-    def over(self) -> float:
-        """When the device trips unless it is heard."""
-        return self.heard_at + self.timeout
-
-
 class Feeding:
-    """The armed watchdogs of one bus."""
+    """The armed watchdogs of one bus.
 
-    __slots__ = ("_company", "_over_at", "_planned", "_watches", "look_at", "on_escape", "slack")
+    Args:
+        turnaround: how long a broadcast may take the wire, in seconds.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = (
+        "_ample",
+        "_company",
+        "_latest",
+        "_misses",
+        "_over_at",
+        "_planned",
+        "_rest_until",
+        "_starved_since",
+        "_tripped",
+        "_watches",
+        "look_at",
+        "on_escape",
+        "on_strain",
+        "reckoning",
+        "row",
+        "slack",
+        "strained",
+        "turnaround",
+    )
+
+    def __init__(self, turnaround: float = 0.0) -> None:
+        self.turnaround = turnaround
+        """How long a broadcast may take the wire, in seconds."""
         self._watches: dict[int, ArmedWatchdog] = {}
         self._planned: dict[int, ArmedWatchdog] = {}
+        self._tripped: dict[int, Ledger] = {}
+        """Of those that are not fed any more."""
         self._company: list[ArmedWatchdog] = []
         """What may be fed together with one that was due, the earliest due last."""
+        self._ample = False
+        """There is time for an attempt to feed each of them of which none is answered."""
+        self._misses = 0
+        """All failures in a row, of all of them."""
+        self._rest_until = _SOON
+        """No feed before, to a device that missed its last two."""
+        self._latest = _SOON
+        """When feeding must begin, at the latest. Not kept exact: hearing a device only ever puts that off."""
+        self._starved_since: float | None = None
         self.look_at = float("inf")
         """When to ask for `due` again. Hearing a device only ever puts that off, so it is not kept exact."""
         self._over_at = float("inf")
+        self.reckoning: Reckoning | None = None
+        """What feeding all of them takes; None while none is armed or about to be."""
+        self.strained = False
+        """Feeds need more than was admitted: devices have become slow, or a time was made shorter."""
         self.slack = float("inf")
         """How long one request may take the wire, in seconds, lest a device trips."""
+        self.row = 0
+        """How many feeds in a row were sent."""
         self.on_escape: Callable[[ArmedWatchdog], None] | None = None
         """Told of each device, once, that was heard only in the last quarter of its time: `longest` says when."""
+        self.on_strain: Callable[[Reckoning, ArmedWatchdog], None] | None = None
+        """Told when feeds begin to need more than was admitted; and the slowest device."""
 
     def get(self, address: int) -> ArmedWatchdog | None:
         return self._watches.get(address)
@@ -98,33 +114,89 @@ class Feeding:
         """Whether any watchdog is."""
         return bool(self._watches)
 
-    def plan(self, watches: Iterable[ArmedWatchdog], slack: float) -> None:
-        """They are about to be armed: nothing may take the wire for longer than `slack` from now on."""
+    def guards_others(self, address: int) -> bool:
+        """Whether any watchdog is armed but that of one address."""
+        return len(self._watches) > (address in self._watches)
+
+    # What is armed
+
+    def plan(self, watches: Iterable[ArmedWatchdog]) -> None:
+        """They are about to be armed, and count from now on."""
         self._planned.update((watch.address, watch) for watch in watches)
-        self.slack = slack
+        self.reckon()
 
     def arm(self, watch: ArmedWatchdog) -> None:
         self._planned.pop(watch.address, None)
+        self._tripped.pop(watch.address, None)
+        self._forget(self._watches.get(watch.address))
         self._watches[watch.address] = watch
         self.look_at = self._over_at = _SOON
+        self.reckon()
 
     def disarm(self, address: int) -> None:
         """It is not armed any more, or will not be."""
-        self._watches.pop(address, None)
+        self._forget(self._watches.pop(address, None))
         self._planned.pop(address, None)
-        if not self._watches and not self._planned:
-            self.slack = float("inf")
+        self._tripped.pop(address, None)
+        self.reckon()
 
-    def heard(self, address: int, since: float) -> None:
-        """The device acknowledged a frame that was sent at `since`."""
+    def trip(self, watch: ArmedWatchdog) -> None:
+        """It may have stopped its device. It is not fed any more; how long the device is unheard is still noted."""
+        watch.ledger.trips += 1
+        self.disarm(watch.address)
+        self._tripped[watch.address] = watch.ledger
+
+    def set_timeout(self, watch: ArmedWatchdog, timeout: float) -> None:
+        """The register of an armed watchdog holds another time."""
+        watch.set_timeout(timeout)
+        self.look_at = self._over_at = _SOON
+        self.reckon()
+
+    def reckon(self) -> None:
+        """Add up anew what feeding takes, after something has changed. Told if it is more than was admitted."""
+        self._latest = _SOON
+        watches = [*self._watches.values(), *self._planned.values()]
+        if not watches:
+            self.reckoning, self.strained, self.slack = None, False, float("inf")
+            return
+        for watch in self._watches.values():
+            watch.cost = watch.takes
+        self.reckoning = reckoning = add_up(watches, self.turnaround)
+        self._ample = sum(watch.attempt for watch in watches) <= reckoning.available - reckoning.longest
+        # What was admitted is not refused because feeding takes longer now.
+        self.slack = max(reckoning.slack, reckoning.longest)
+        strained, self.strained = self.strained, bool(self._watches) and not reckoning.fits
+        if not self.strained:
+            self._starved_since = None
+        elif not strained and self.on_strain is not None:
+            self.on_strain(reckoning, max(watches, key=_takes))
+
+    def wait_longer(self, address: int, longer: float) -> None:
+        """The answers of a device are waited for so many seconds longer from now on."""
         watch = self._watches.get(address)
-        if watch is not None and since > watch.heard_at:
-            watch.longest = max(watch.longest, since - watch.heard_at)
-            watch.heard(since)
-            if watch.longest > NARROW * watch.timeout and not watch.escaped:
+        if watch is not None:
+            watch.attempt += longer
+            watch.occupies += longer
+            self.reckon()
+
+    # What was heard
+
+    def heard(self, address: int, since: float, at_most: float | None = None) -> None:
+        """The device acknowledged a frame that was sent at `since`, or later, but not later than `at_most`."""
+        at_most = since if at_most is None else at_most
+        watch = self._watches.get(address)
+        if watch is None:
+            if self._tripped and address in self._tripped:
+                self._tripped[address].heard(since, at_most)
+            return
+        if since > watch.heard_at:
+            watch.ledger.heard(since, at_most)
+            if since - watch.heard_at > NARROW * watch.timeout and not watch.escaped:
                 watch.escaped = True
                 if self.on_escape is not None:
                     self.on_escape(watch)
+            watch.heard(since)
+            self._misses -= watch.failures
             watch.failures = 0
             if watch.retry_at != _MUTED:
                 watch.retry_at = 0.0
@@ -134,19 +206,32 @@ class Feeding:
         watch = self._watches.get(address)
         if watch is not None:
             watch.takes += (took - watch.takes) / 4
+            times, more = _SLOWER
+            if watch.takes > times * watch.cost + more or times * watch.takes + more < watch.cost:
+                self.reckon()
 
-    def failed(self, address: int, now: float, cost: float) -> None:
-        """A feed was not answered. The first repetition goes at once, later ones leave the others room."""
+    def failed(self, address: int, now: float, cost: float, *, cut: bool = False) -> None:
+        """A feed was not answered, and took the wire for `cost` seconds. The first repetition goes at once, later ones
+        leave the others room, as far as there is time. One that was cut short for a stop tells nothing of its device,
+        unless that had had time to answer."""
         watch = self._watches.get(address)
-        if watch is not None and watch.retry_at != _MUTED:
-            watch.failures += 1
-            watch.retry_at = now if watch.failures == 1 else now + cost
-            self.look_at = min(self.look_at, watch.retry_at)
+        if watch is None or watch.retry_at == _MUTED or (cut and cost < watch.least_wait):
+            return
+        watch.failures += 1
+        self._misses += 1
+        watch.retry_at = now
+        if watch.failures >= LOST:
+            to_spare = watch.over - now - watch.takes - watch.attempt
+            watch.retry_at += max(0.0, min(cost, to_spare))
+            if self._misses > LOST:
+                self._rest_until = now + cost
+        self.look_at = min(self.look_at, watch.retry_at)
 
     def mute(self, address: int) -> None:
         """Do not feed the device until it is unmuted."""
         watch = self._watches.get(address)
         if watch is not None:
+            self._forget(watch)
             watch.retry_at = _MUTED
 
     def unmute(self, address: int) -> None:
@@ -156,33 +241,72 @@ class Feeding:
             watch.retry_at = 0.0
             self.look_at = _SOON
 
+    # What is due
+
     def due(self, now: float) -> ArmedWatchdog | None:
         """The watch to feed now, the earliest due first; None while there is time."""
         if now < self.look_at:
             return None
+        as_admitted = self._misses <= LOST
         start, before, first = float("inf"), 0.0, None
         watches = sorted(self._watches.values(), key=_due)
         for watch in watches:
+            if watch.failures and not as_admitted:
+                continue
             at = watch.retry_at
             if at <= now:
                 # The last moment at which this one and all due before it can still be fed in time, one by one.
                 at = watch.due - before
-                before += watch.takes
+                before += _EARLY * watch.takes
                 first = first or watch
                 if at <= now:
                     self._company = watches[::-1]
                     return first
             if at < start:
                 start = at
+        if not as_admitted:
+            missing, again = self._missing(now)
+            if missing is not None:
+                return missing
+            start = min(start, again)
         self.look_at = start
         return None
+
+    def _missing(self, now: float) -> tuple[ArmedWatchdog | None, float]:
+        """Of the devices that missed a feed the one to feed next; or else when to ask again. More has failed than
+        admission reckons with: none of the others must trip for them."""
+        missing = [watch for watch in self._watches.values() if watch.failures and watch.retry_at != _MUTED]
+        missing.sort(key=lambda watch: (watch.failures >= LOST, watch.over))
+        room, again = self._room(), float("inf")
+        for watch in missing:
+            at = max(watch.retry_at, self._rest_until) if watch.failures >= LOST else watch.retry_at
+            if at > now:
+                again = min(again, at)
+            elif now + watch.least_wait <= room:
+                return watch, now
+        return None, again
+
+    def _room(self, but: ArmedWatchdog | None = None) -> float:
+        """Until when the wire may be taken lest one of those trips that answer (but for one of them)."""
+        live = [watch for watch in self._watches.values() if not watch.failures and watch is not but]
+        return latest_start(live, _least_wait)
+
+    def wait(self, watch: ArmedWatchdog, now: float) -> float:
+        """How long the wire may be taken by an attempt to feed a device, if it is not answered.
+
+        That is all that its reply may take, as long as the others can be fed after it even if none of them answers.
+        """
+        if self._ample and not self._misses:
+            return watch.attempt
+        return min(max(self._room(watch) - now, watch.least_wait), watch.attempt)
 
     def soon(self, now: float) -> ArmedWatchdog | None:
         """The watch to feed now though there is time, because others were just fed; None if there is none."""
         while self._company:
             watch = self._company[-1]
             early = watch.due - TOGETHER * watch.timeout
-            if early <= now and watch.retry_at <= now and self._watches.get(watch.address) is watch:
+            alive = watch.retry_at <= now and not watch.failures
+            if early <= now and alive and self._watches.get(watch.address) is watch:
                 return watch
             self._company.pop()
         return None
@@ -203,33 +327,69 @@ class Feeding:
         """When to ask for `overdue` again; not kept exact either."""
         return self._over_at
 
+    # What else may go, where not all is well
 
-def admit(watches: Iterable[ArmedWatchdog], attempts: Iterable[float], longest: float) -> float:
-    """Refuse a set of watches that cannot be fed in time; return how long the wire may be taken at once, in seconds.
+    @property
+    def pressed(self) -> bool:
+        """Whether something may trip if anything else takes the wire: feeds failed, or need more than was admitted."""
+        return self._misses > 0 or self.strained
 
-    Args:
-        watches: all that would be armed, those armed already included.
-        attempts: how long a failed attempt takes, of each device on the bus.
-        longest: how long the wire can be taken by something that cannot be interrupted.
+    def affords(self, seconds: float, now: float) -> bool:
+        """Whether the wire may be taken for so long lest a device trips that has missed two feeds at most."""
+        if now + seconds > self._latest:
+            hopeful = [watch for watch in self._watches.values() if watch.failures <= LOST and watch.retry_at != _MUTED]
+            self._latest = latest_start(hopeful, _takes)
+        return now + seconds <= self._latest
 
-    Raises:
-        WatchdogInfeasible: one feed each, the two slowest failed attempts and `longest` do not fit between the time
-            a device is due and the time it trips.
-    """
-    watches = list(watches)
-    feeds = sum(watch.cost for watch in watches)
-    failed = sum(sorted(attempts)[-2:])
-    shortest = min(watches, key=lambda watch: watch.timeout)
-    available = (1 - SHARE) * shortest.timeout
-    needed = feeds + failed + longest
-    if needed <= available:
-        return available - feeds - failed
-    plural = "" if len(watches) == 1 else "s"
-    raise WatchdogInfeasible(
-        f"{len(watches)} watchdog{plural} cannot be fed in time: one feed each takes {1000 * feeds:.0f} ms, the two "
-        f"slowest failed attempts {1000 * failed:.0f} ms, the longest transaction {1000 * longest:.0f} ms, in all "
-        f"{1000 * needed:.0f} ms. Unit {shortest.address} trips {1000 * available:.0f} ms after it is due (two "
-        f"thirds of its {1000 * shortest.timeout:g} ms). Use longer watchdogs, fewer devices, a faster line or a "
-        "shorter reply_timeout.",
-        {"feeds": feeds, "failed": failed, "longest": longest, "needed": needed, "available": available},
-    )
+    @property
+    def burst_slack(self) -> float:
+        """How long a burst may take the wire, in seconds. It goes before feeds that are due: each device may be one of
+        them, and one that the burst starts may have to be fed once more meanwhile."""
+        return self.slack if self.reckoning is None else self.slack - self.reckoning.feeds
+
+    def spares(self, seconds: float, now: float) -> bool:
+        """As `affords`, and two attempts may fail besides, where all is well."""
+        reserve = 0.0 if self.pressed or self.reckoning is None else self.reckoning.failed
+        return self.affords(seconds + reserve, now)
+
+    @property
+    def yields(self) -> bool:
+        """Whether something else has a turn though a device is due."""
+        return self.strained and self.row >= _ROW
+
+    def starved(self, now: float) -> None:
+        """Something else had a turn, and did not fit."""
+        if self._starved_since is None:
+            self._starved_since = now
+
+    def sent(self, feeds: bool) -> None:
+        """A frame goes out: a feed, or something else."""
+        if feeds:
+            self.row += 1
+        else:
+            self.row, self._starved_since = 0, None
+
+    def hopeless(self, now: float) -> ArmedWatchdog | None:
+        """The device that must be given up, lest others trip or nothing else ever goes; None if none must.
+
+        That is the slowest: of those that cannot all be fed in time, or of all if nothing else had a turn for the
+        shortest of their times.
+        """
+        live = [watch for watch in self._watches.values() if not watch.failures and watch.retry_at != _MUTED]
+        if len(live) < 2:
+            return None
+        if self._starved_since is not None and now > self._starved_since + min(watch.timeout for watch in live):
+            self._starved_since = None
+            return max(live, key=_takes)
+        before, upto = now, []
+        for watch in sorted(live, key=lambda watch: watch.over):
+            before += watch.takes
+            upto.append(watch)
+            if before > watch.over:
+                return max(upto, key=_takes)
+        return None
+
+    def _forget(self, watch: ArmedWatchdog | None) -> None:
+        if watch is not None:
+            self._misses -= watch.failures
+            watch.failures = 0

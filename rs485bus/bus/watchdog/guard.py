@@ -5,71 +5,105 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal
 
 from rs485bus.arguments import positive, real
 from rs485bus.bus.failure import failure
-from rs485bus.bus.handle import outlast, settle
+from rs485bus.bus.handle import Handle, outlast, settle
 from rs485bus.bus.protocol import BusProtocol
-from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halted, unconfirmed
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
-from rs485bus.bus.watchdog.feeding import ArmedWatchdog
-from rs485bus.bus.watchdog.guarding import Lease, admit_watchdogs, arm, check_watchdog, left_armed, release
-from rs485bus.errors import StopUnconfirmed, WatchdogInUse
+from rs485bus.bus.watchdog.armed import Ledger
+from rs485bus.bus.watchdog.arming import Armed, Arming, admit_watchdogs
+from rs485bus.bus.watchdog.lease import Lease
+from rs485bus.bus.watchdog.releasing import left_armed, release
+from rs485bus.bus.watchdog.report import WatchReport, feeds_expected, warn_of, warn_of_strain
+from rs485bus.bus.watchdog.settings import check_watchdog
+from rs485bus.errors import BusClosed, NotGuarding, NotSent, StopUnconfirmed, WatchdogInUse
+
+__all__ = ["WatchReport", "WatchdogGuard", "admit_and_arm", "warn_of", "warn_of_strain"]
 
 _log = logging.getLogger("rs485bus")
 
 
 async def admit_and_arm(bus: BusProtocol, device: DeviceAdapter, timeout: float) -> bool:
-    """Arm one device outside of a block, and feed it from then on. False if it could not be armed.
+    """Feed a device again that may have tripped. Inside of a watchdog block it is armed for that; outside of one
+    nothing is written: it is fed by what its register holds, if that can be read and is on. False if it did not answer.
 
     Raises:
         WatchdogInfeasible: it could not be fed in time.
     """
-    admit_watchdogs(bus.owner, [device], timeout)
-    armed: asyncio.Future[list[Job]] = asyncio.get_running_loop().create_future()
-    bus.start(arm(bus.owner, [device], timeout), lambda failed: settle(armed, failed))
-    return not await armed
+    guarded = bus.owner.units[device.address].guarded
+    arming = Arming(bus.owner, [device], timeout, only_feed=not guarded)
+    ended = await _carry_out(bus, arming)
+    if ended.infeasible is not None:
+        raise ended.infeasible
+    return not ended.failed
 
 
-def warn_of(escape: ArmedWatchdog) -> None:
-    """Log that a device was heard only just before its watchdog would have stopped it."""
-    _log.warning(
-        "unit %d was unheard for %.3f s of the %g s of its watchdog: a margin of %.0f %%, and %d feeds were sent. "
-        "It nearly tripped. Use a longer watchdog, and look in bus.stats for what is lost; an event loop that is "
-        "blocked feeds nothing.",
-        escape.address,
-        escape.longest,
-        escape.timeout,
-        100 * (1 - escape.longest / escape.timeout),
-        escape.feeds,
-    )
+async def _carry_out(bus: BusProtocol, arming: Arming) -> Armed:
+    """Arm. A cancellation ends it as soon as nothing of it is on the wire, and is raised then."""
+    armed: asyncio.Future[Armed] = asyncio.get_running_loop().create_future()
+    bus.start(arming.run(), lambda ended: settle(armed, ended))
+    try:
+        await asyncio.wait([armed])
+    except asyncio.CancelledError:
+        arming.cancel()
+        bus.poke()
+        await outlast(armed)
+        raise
+    return armed.result()
 
 
-@dataclass(frozen=True, slots=True)
-class WatchReport:
-    """How one device was fed. Times are seconds."""
+class _Entry:
+    """One time that a block is entered."""
 
-    address: int
-    timeout: float
-    feeds: int
-    """Frames sent to feed it."""
-    saved: int
-    """Frames that other traffic made unnecessary."""
-    longest: float
-    """The longest time for which it was unheard."""
+    def __init__(self, bus: BusProtocol, devices: Sequence[DeviceAdapter], timeout: float, lease: float | None) -> None:
+        self.ledgers = {device.address: Ledger() for device in devices}
+        self.lease = None if lease is None else Lease(bus.owner, devices, lease)
+        self._owner = bus.owner
+        self._timeout = timeout
+        self._armed_at = bus.now()
 
-    @property
-    def margin(self) -> float:
-        """The part of its time that was left when it was unheard for longest."""
-        return 1 - self.longest / self.timeout
+    def hold(self) -> None:
+        """Its devices are this block's."""
+        for address, ledger in self.ledgers.items():
+            self._owner.units[address].ledger = ledger
+
+    def let_go(self) -> None:
+        """They are nobody's any more."""
+        for address in self.ledgers:
+            self._owner.units[address].ledger = None
+
+    def armed(self, now: float) -> None:
+        """All of them are armed."""
+        self._armed_at = now
+        if self.lease is not None:
+            self.lease.renew(now)
+
+    def reports(self, now: float) -> list[WatchReport]:
+        """How each device was fed until now."""
+        expected = feeds_expected(now - self._armed_at, self._timeout)
+        return [
+            WatchReport(
+                address,
+                self._timeout,
+                ledger.feeds,
+                max(0, expected - ledger.feeds),
+                ledger.longest_until(now),
+                ledger.trips,
+            )
+            for address, ledger in self.ledgers.items()
+        ]
 
 
 class WatchdogGuard:
-    """An async context manager over the watchdogs of some devices. Made by `axis.watchdog` and `bus.watchdog`."""
+    """An async context manager over the watchdogs of some devices. Made by `axis.watchdog` and `bus.watchdog`.
+
+    It may be entered again after it was left: each time it has its own lease and its own report, and restores what the
+    watchdogs were set to when it was entered.
+    """
 
     def __init__(
         self,
@@ -87,97 +121,151 @@ class WatchdogGuard:
         self.timeout = real("timeout", timeout)
         for device in self._devices:
             check_watchdog(device, self.timeout)
-        self._lease = None if lease is None else Lease(bus.owner, self._devices, positive("lease", lease))
+        self._lease = None if lease is None else positive("lease", lease)
+        self._entry: _Entry | None = None
+        self._reports: list[WatchReport] = []
 
     async def __aenter__(self) -> WatchdogGuard:
         bus, owner = self._bus, self._bus.owner
-        for device in self._devices:
-            if owner.units[device.address].guarded:
-                raise WatchdogInUse(
-                    f"{device.family} {device.address} is guarded by another watchdog block. One block per device: "
-                    "name all axes in one bus.watchdog(...)."
-                )
+        bus.check_thread()
+        self._check_free()
         admit_watchdogs(owner, self._devices, self.timeout)
-        self._hold(True)
-        armed = asyncio.get_running_loop().create_future()
-        bus.start(arm(owner, self._devices, self.timeout), armed.set_result)
-        cancelled = await outlast(armed)
-        failed = armed.result()
-        if cancelled is not None or failed:
-            await self._release()
-            if cancelled is not None:
-                raise cancelled
-            raise failure(failed[0], bus.flight)
-        self.renew()
+        entry = self._entry = _Entry(bus, self._devices, self.timeout, self._lease)
+        entry.hold()
+        error: BaseException | None = None
+        try:
+            ended = await _carry_out(bus, Arming(owner, self._devices, self.timeout))
+            error = failure(ended.failed[0], bus.flight) if ended.failed else ended.infeasible
+        except asyncio.CancelledError as cancelled:
+            error = cancelled
+        if error is not None:
+            await self._leave(error)
+            raise error
+        entry.armed(bus.now())
+        bus.poke()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> Literal[False]:
-        try:
-            if error is None:
-                for member in self._members:
-                    await member.drain()
-        finally:
-            halted = await self._release()
-        moving = [f"{device.family} {device.address}" for device in halted if not device.standing]
-        if moving and error is None:
-            raise StopUnconfirmed(
-                f"{', '.join(moving)} could not be seen standing. The watchdog stays armed and is not fed, so that the "
-                "drive stops by itself. Look at the machine."
-            )
+        if error is None:
+            try:
+                await self._drain()
+            except BaseException as interrupted:
+                await self._leave(interrupted)
+                raise
+        await self._leave(error)
         return False
 
     def renew(self) -> None:
-        """The application is alive: the lease, if there is one, holds from now on."""
+        """The application is alive: the lease, if there is one, holds from now on.
+
+        Raises:
+            NotGuarding: the block was not entered, or was left.
+        """
         self._bus.check_thread()
-        if self._lease is not None:
-            self._lease.renew(self._bus.now())
+        if self._entry is None:
+            raise NotGuarding(
+                "renew() outside of the watchdog block: nothing is guarded by it now. Enter it first: "
+                "async with bus.watchdog(...) as guard."
+            )
+        if self._entry.lease is not None:
+            self._entry.lease.renew(self._bus.now())
             self._bus.poke()
 
     def report(self) -> list[WatchReport]:
-        """How each device has been fed so far.
+        """How each device has been fed so far, trips included; after the block, until it was left.
 
         A device whose margin falls under a quarter is logged as a warning, too, once, by "rs485bus".
         """
+        return list(self._reports) if self._entry is None else self._entry.reports(self._bus.now())
+
+    def _check_free(self) -> None:
+        """Raise what keeps the block from being entered."""
         owner = self._bus.owner
-        reports = []
         for device in self._devices:
-            watch = owner.feeding.get(device.address)
-            if watch is not None:
-                now = self._bus.now()
-                longest = max(watch.longest, now - watch.heard_at)
-                expected = int((now - watch.armed_at) / (watch.timeout / 3))
-                saved = max(0, expected - watch.feeds)
-                reports.append(WatchReport(device.address, watch.timeout, watch.feeds, saved, longest))
-        return reports
+            if owner.units[device.address].guarded:
+                raise WatchdogInUse(
+                    f"{device.family} {device.address} is guarded by another watchdog block, or was by one that is "
+                    "still being left. One block per device: name all axes in one bus.watchdog(...)."
+                )
+        if owner.gate.closed:
+            raise BusClosed("The bus is closed: nothing can be guarded by it any more.")
+        if not owner.gate.connected:
+            raise NotSent(
+                "Nothing was armed: the port is gone. Plug it in again; the bus reopens it by itself. Wait for "
+                "bus.connected, then enter the block."
+            )
 
-    def _hold(self, guarded: bool) -> None:
-        for device in self._devices:
-            self._bus.owner.units[device.address].guarded = guarded
+    async def _drain(self) -> None:
+        """Wait until nothing is queued or moving. Where the port stays away nothing will be: that is not waited for."""
+        draining = asyncio.ensure_future(self._drain_members())
+        try:
+            while not draining.done():
+                await asyncio.wait([draining], timeout=self._bus.config.close_timeout)
+                if not draining.done() and not self._bus.owner.gate.connected:
+                    return
+            draining.result()
+        finally:
+            draining.cancel()
 
-    async def _release(self) -> list[Halted]:
-        """Stop, confirm, restore: the bus' own job. However often the caller is cancelled, it waits for it."""
-        bus = self._bus
-        if self._lease is not None:
-            self._lease.end()
-        self._hold(False)
+    async def _drain_members(self) -> None:
+        for member in self._members:
+            await member.drain()
+
+    async def _leave(self, error: BaseException | None) -> None:
+        """Stop, confirm, restore: the bus' own job. However often the caller is cancelled, it waits for that, and for
+        no longer than a closing bus does. What could not be seen standing is raised, or told with what is raised."""
+        bus, entry = self._bus, self._entry
+        if entry is None:
+            return
+        if entry.lease is not None:
+            entry.lease.end()
         for member in self._members:
             member.abandon("its watchdog block was left")
-        if bus.owner.gate.closed:
-            return []  # closing the bus has released it
-        released = asyncio.get_running_loop().create_future()
-        bus.start(release(bus.owner, self._devices), lambda halted: settle(released, halted))
-        bound = bus.after(bus.config.close_timeout, lambda: settle(released, unconfirmed(self._devices)))
-        cancelled = await outlast(released)
-        bound.cancel()
-        if cancelled is not None:
+        cancelled, halted = None, list[Halted]()
+        if not bus.owner.gate.closed:  # else closing the bus has released it
+            released: asyncio.Future[list[Halted]] = asyncio.get_running_loop().create_future()
+
+            def done(ended: list[Halted]) -> None:
+                entry.let_go()
+                settle(released, ended)
+
+            bus.start(release(bus.owner, self._devices), done)
+            bound = bus.after(bus.config.close_timeout, lambda: settle(released, unconfirmed(self._devices)))
+            cancelled = await outlast(released)
+            bound.cancel()
+            halted = released.result()
+        else:
+            entry.let_go()
+        self._reports, self._entry = entry.reports(bus.now()), None
+        self._warn_of_left_armed()
+        self._tell(halted, error or cancelled)
+        if cancelled is not None and error is None:
             raise cancelled
-        for device in left_armed(bus.owner, self._devices):
+
+    def _warn_of_left_armed(self) -> None:
+        for device in left_armed(self._bus.owner, self._devices):
             _log.warning(
                 "%s %d: its watchdog could not be set back. It is not fed, and would stop the next move: guard it "
                 "again, or switch the drive off and on",
                 device.family,
                 device.address,
             )
-        return list(released.result())
+
+    def _tell(self, halted: Sequence[Halted], error: BaseException | None) -> None:
+        """Raise that some could not be seen standing; or tell it beside what is raised already."""
+        moving = [f"{device.family} {device.address}" for device in halted if not device.standing]
+        if not moving:
+            return
+        failure = StopUnconfirmed(
+            f"{', '.join(moving)} could not be seen standing. The watchdog stays armed and is not fed, so that the "
+            "drive stops by itself. Look at the machine."
+        )
+        if error is None:
+            raise failure
+        error.add_note(str(failure))
+        _log.error("a watchdog block was left: %s", failure)
+        if not isinstance(error, Exception):
+            # Whoever cancels hardly looks at the notes of a cancellation.
+            Handle[None]("leaving a watchdog block", self._bus.unseen).fail(failure)

@@ -18,6 +18,8 @@ _STANDS_FOR = 0.05
 """Seconds between two equal positions that show a motor standing whose status does not say so."""
 _SAME = 2
 _URGENT_STOP_TAKES = 0.1
+_LONGEST = max(17 + 2 * block.count for block in r.BLOCK_WRITES)
+"""Bytes: a write has 9 beside its data, and its reply has 8. Reads take less."""
 _WRITTEN = {register.address for register in (*r.SINGLE_WRITES, *r.BLOCK_WRITES)}
 
 _DISRUPTING = {
@@ -39,6 +41,8 @@ _DISRUPTING = {
 class MksWatchdog(WatchdogRegister):
     """Register 0x98 (3.2.14). It cannot be read."""
 
+    register = r.WATCHDOG.address
+    count = r.WATCHDOG.count
     highest = 0xFFFF_FFFF
 
     def __init__(self, address: int) -> None:
@@ -58,6 +62,7 @@ class MksAttached(DeviceAdapter):
     """
 
     family = FAMILY
+    longest = _LONGEST
     late_reply_window = LATE_REPLY_WINDOW
     combines_reads = False  # addresses are command codes (MKS RTU V1.0.9, 4)
 

@@ -18,6 +18,8 @@ from rs485bus.wire.frames import WRITE_MULTIPLE, WRITE_SINGLE, Request, payload
 
 FAMILY = "ZLAC"
 _QUIET, _CONTRADICTED = 0.04, 0.2
+_LONGEST = max(13 + 2 * block.count for side in Side for block in (*r.PARAMETER_BLOCKS[side], r.CONTROL_BLOCK))
+"""Bytes: a read has 8, and its reply has 5 beside its data. Writes take less."""
 _STOP_TAKES = 0.5
 """Seconds that a quick stop may take; its ramp is 10 ms as shipped."""
 
@@ -28,6 +30,7 @@ class ZlacWatchdog(WatchdogRegister):
     The drive keeps what is written to it when it is switched off.
     """
 
+    register = r.WATCHDOG.address
     highest = 0x7FFF
 
     def __init__(self, address: int) -> None:
@@ -57,6 +60,7 @@ class ZlacAttached(DeviceAdapter):
     """
 
     family = FAMILY
+    longest = _LONGEST
     start_grace = 0.1
 
     def __init__(

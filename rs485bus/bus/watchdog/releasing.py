@@ -1,0 +1,102 @@
+"""Releasing watchdogs: stop, see it stand, restore. Pure: procedures that the owner drives.
+
+They are the bus' own: a caller that is cancelled while it waits for one loses nothing but its wait.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.schedule.endings import Endings
+from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.bus.stopping.halt import Halt, Halted, Procedure
+from rs485bus.bus.units.adapter import DeviceAdapter, WatchdogRegister
+from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.watchdog.settings import set_watchdog
+
+
+def release(owner: Owner, devices: Sequence[DeviceAdapter]) -> Procedure[list[Halted]]:
+    """Stop some devices, see each stand, and restore their watchdogs to what they were.
+
+    All are stopped before the first is confirmed, and each is restored as soon as it stands. What is not seen standing
+    stays armed, and is not fed any more. A watchdog that was on before it was armed is on again, and goes on being fed
+    if it can be read; one that was never armed is left as it is. Returns how each ended up.
+    """
+    if not devices:
+        return []
+    halts = [owner.halt(owner.units[device.address], device.motion, emergency=False) for device in devices]
+    endings: Endings[Halted] = Endings(len(devices))
+    for place, (device, halt) in enumerate(zip(devices, halts, strict=True)):
+        owner.start(_release_one(owner, device, halt), endings.ending(place))
+    halted: list[Halted] = yield endings
+    return halted
+
+
+def _release_one(owner: Owner, device: DeviceAdapter, halt: Halt) -> Procedure[Halted]:
+    unit = owner.units[device.address]
+    halted: Halted = yield halt
+    if not halted.standing:
+        owner.stops_only(unit)
+    elif device.watchdog is not None and unit.may_be_armed:
+        yield from _restore(owner, unit, device, device.watchdog)
+    unit.rearm = None
+    return halted
+
+
+def _restore(owner: Owner, unit: UnitState, device: DeviceAdapter, watchdog: WatchdogRegister) -> Procedure[None]:
+    """Set the watchdog of a standing device to what it was before it was armed, once."""
+    if unit.restoring is not None:
+        yield unit.restoring
+        return
+    restoring = unit.restoring = Endings[None](1)
+    yield from _set_back(owner, unit, device, watchdog)
+    unit.restoring = None
+    restoring.ending(0)(None)
+
+
+def _set_back(owner: Owner, unit: UnitState, device: DeviceAdapter, watchdog: WatchdogRegister) -> Procedure[None]:
+    former = watchdog.off if unit.former is None else unit.former
+    watch = owner.feeding.get(device.address)
+    if watch is None or former != round(watch.timeout * 1000):
+        job = yield from set_watchdog(owner, watchdog, former)
+        if job.outcome is not Outcome.REPLY:
+            owner.feeding.mute(device.address)
+            return
+        if former == watchdog.off or watchdog.read() is None:
+            owner.feeding.disarm(device.address)
+        else:
+            unit.ledger = None
+            owner.feeding.arm(owner.watchdogs.make(unit, former / 1000, job.sent_at))
+    unit.may_be_armed = False
+    unit.former = None
+
+
+def restore_late(owner: Owner, unit: UnitState) -> None:
+    """A device stands whose block was left before it did: now its watchdog is restored."""
+    if unit.attached is not None and unit.attached.watchdog is not None:
+        owner.start(_restore(owner, unit, unit.attached, unit.attached.watchdog), lambda _: None)
+
+
+def left_armed(owner: Owner, devices: Iterable[DeviceAdapter]) -> list[DeviceAdapter]:
+    """Of those that were released, and stand: those whose watchdog may still be armed all the same, and is not fed."""
+    return [device for device in devices if owner.units[device.address].may_be_armed and not device.motion.may_move]
+
+
+def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
+    """Stop all that may move, and release all that is armed. Returns how each device ended up.
+
+    Args:
+        owner: the bus.
+        leave_running: turn the watchdogs off, but leave the motors turning.
+    """
+    devices = []
+    for unit in owner.units:
+        device = unit.attached
+        if device is None or not (unit.may_be_armed or device.motion.may_move or owner.feeding.get(unit.address)):
+            continue
+        if not leave_running:
+            devices.append(device)
+        elif device.watchdog is not None and (unit.may_be_armed or owner.feeding.get(unit.address)):
+            yield Job(device.watchdog.write(device.watchdog.off), internal=True)
+    return (yield from release(owner, devices))

@@ -7,6 +7,8 @@ from typing import Literal
 
 from rs485bus.arguments import flag, real, whole
 
+_PAIR_WINDOW, _GATEWAY_WINDOW = 0.5, 5.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusConfig:
@@ -22,8 +24,9 @@ class BusConfig:
     """How often an unanswered request that may be repeated is sent again. 0..10."""
     turnaround: float = 0.1
     """Silence after a broadcast. 0..2."""
-    late_reply_window: float = 0.5
-    """How long after the end of its reply budget an unanswered request may still be answered. 0.05..10."""
+    late_reply_window: float = _PAIR_WINDOW
+    """How long after the end of its reply budget an unanswered request may still be answered. 0.05..10. Left as it is,
+    it means 5 s behind a gateway, which may hold replies back."""
     offline_after: int = 3
     """Unanswered requests in a row after which a device is taken for offline. 1..100."""
     max_queued: int = 20_000
@@ -58,6 +61,10 @@ class BusConfig:
             raise ValueError(f"echo {self.echo!r} is none of 'auto', True, False")
         flag("leave_running", self.leave_running)
         flag("rs485_direction", self.rs485_direction)
+
+    def late_reply_window_of(self, gateway: bool) -> float:
+        """The late reply window of a pair, or of what is behind a gateway."""
+        return _GATEWAY_WINDOW if gateway and self.late_reply_window == _PAIR_WINDOW else self.late_reply_window
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

@@ -28,7 +28,7 @@ from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.bus.watchdog.maker import WatchdogMaker
 from rs485bus.bus.watchdog.register_writes import RegisterWrites
-from rs485bus.wire.exceptions import Meaning
+from rs485bus.wire.exceptions import Meaning, is_a_gateways
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 from rs485bus.wire.timing import LineSettings
@@ -65,7 +65,7 @@ class Owner:
         self.journal = Journal()
         silence = config.tcp_gap if gateway else line.t35
         self.feeding = Feeding(line.budget(_BROADCAST, config.turnaround, 0) + silence)
-        self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window)
+        self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window_of(gateway))
         self.watchdogs = WatchdogMaker(line, silence, self.journal)
         self.pair = SerialLine(line, silence, None if config.echo == "auto" else config.echo, now)
         self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
@@ -439,20 +439,25 @@ class Owner:
         unit = self.units[request.address]
         if kind is Kind.LATE_EXCEPTION:
             self.journal.unit(unit.address).late_replies += 1
-            unit.late.excepted(request.function)
+            unit.late.excepted(request.function, frame)
+            self._heard_of(unit, frame)
         elif kind is Kind.LATE:
             # It is delivered to nobody; but whoever answers late is there, and heard what was asked then.
             self.journal.unit(unit.address).late_replies += 1
             self.units.answered(unit)
-            if (since := unit.late.arrived(request)) is not None:
+            if (since := unit.late.arrived(request, frame)) is not None:
                 self.feeding.heard(unit.address, since)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
             unit.late.expire(self.now)
-            hidden = (kind is Kind.EXCEPTION and unit.late.hides_exception(job)) or (
-                kind is Kind.REFUSAL and unit.late.hides_refusal(job)
-            )
-            if not hidden:
+            if kind is Kind.NORMAL or not unit.late.leaves_undecided(job, frame):
                 self._answered(job, unit, kind, frame)
+            else:
+                self._heard_of(unit, frame)
+
+    def _heard_of(self, unit: UnitState, frame: bytes) -> None:
+        """A frame came that ended nothing. It tells that the unit is there, unless a gateway says that it is not."""
+        if not is_a_gateways(frame):
+            self.units.answered(unit)
 
     def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
         meaning = None
@@ -462,7 +467,7 @@ class Owner:
             if meaning is Meaning.UNANSWERED:
                 self._unanswered("no reply", frame)
                 return
-        since = unit.late.answered(job, self.pair.deadline + unit.late_reply_window)
+        since = unit.late.answered(job, self.pair.deadline + unit.late_reply_window, frame)
         job.answered_since = since
         job.reply = frame
         self.units.answered(unit)

@@ -10,7 +10,7 @@ import enum
 from typing import Final, NamedTuple
 
 from rs485bus.wire.answers import MASK_WRITE, WRITE_COIL, WRITE_COILS, WRITE_MULTIPLE, WRITE_SINGLE
-from rs485bus.wire.frames import Request
+from rs485bus.wire.frames import EXCEPTION_LENGTH, Request
 
 
 class Meaning(enum.Enum):
@@ -53,6 +53,16 @@ _ONE_VALUE = (WRITE_COIL, WRITE_SINGLE, MASK_WRITE)
 def exception(code: int) -> ModbusException:
     """What an exception code says."""
     return _EXCEPTIONS.get(code, _OTHER)
+
+
+def is_exception(frame: bytes) -> bool:
+    """Whether a reply is an exception."""
+    return len(frame) == EXCEPTION_LENGTH and frame[1] >= 0x80
+
+
+def is_a_gateways(frame: bytes) -> bool:
+    """Whether a reply is an exception that a gateway made: the unit did not answer it, and may yet."""
+    return is_exception(frame) and exception(frame[2]).meaning is Meaning.UNANSWERED
 
 
 def is_all_or_nothing(request: Request) -> bool:

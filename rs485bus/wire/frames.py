@@ -66,6 +66,14 @@ class Request:
         """The first register named, for functions that name one."""
         return int.from_bytes(self.adu[2:4], "big")
 
+    def answered_by(self, frame: bytes) -> bool:
+        """Whether a frame may be a reply to this request: a normal one, a refusal inside one, or an exception."""
+        if frame.startswith(bytes((self.address, self.function | 0x80))):
+            return len(frame) == EXCEPTION_LENGTH
+        if self.length and len(frame) != self.length:
+            return False
+        return frame.startswith(self.prefix) or (self.refusal is not None and frame.startswith(self.refusal))
+
     def may_answer(self, other: Request) -> bool:
         """Whether a reply to this request could be taken for the normal reply to `other`."""
         return _alike(self.prefix, other.prefix) or (self.refusal is not None and _alike(self.refusal, other.prefix))

@@ -3,6 +3,9 @@
 RTU has no transaction number: a reply that comes late looks like the answer to the next equal request. So every
 attempt that was not answered is *owed*, until its reply arrives, until a later answer proves that it never will, or
 until its time is over.
+
+Where it is not clear whose reply a frame is, too much is taken to be owed rather than too little: a request waits then
+that need not, but none is given the answer to another.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from rs485bus.bus.schedule.job import Job
+from rs485bus.wire.exceptions import is_a_gateways, is_exception
 from rs485bus.wire.frames import Request
 
 
@@ -24,6 +28,18 @@ class PendingReply:
     until: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """A frame that came while replies were owed. It may come a second time."""
+
+    since: float
+    """When the oldest request was sent that it may have answered."""
+    until: float
+    """When no copy of it is expected any more."""
+    attempt: tuple[Job, float] | None
+    """The attempt that was on the wire and that it left undecided, as job and time of sending."""
+
+
 class PendingReplies:
     """The replies one unit may still owe.
 
@@ -31,19 +47,25 @@ class PendingReplies:
         in_order: bytes come in the order in which they were asked for. Not so behind a TCP gateway.
     """
 
-    __slots__ = ("_in_order", "_owed")
+    __slots__ = ("_heard", "_in_order", "_owed")
 
     def __init__(self, in_order: bool = True) -> None:
         self._in_order = in_order
         self._owed: list[PendingReply] = []
+        self._heard: dict[bytes, _Heard] = {}
 
     def __bool__(self) -> bool:
         return bool(self._owed)
+
+    def __iter__(self) -> Iterator[PendingReply]:
+        return iter(self._owed)
 
     def expire(self, now: float) -> None:
         """Forget what can arrive no more."""
         if self._owed:
             self._owed = [owed for owed in self._owed if owed.until > now]
+        if self._heard:
+            self._heard = {frame: heard for frame, heard in self._heard.items() if heard.until > now}
 
     def unanswered(self, job: Job, until: float) -> None:
         """The job's latest attempt got no reply; one may arrive until the time given."""
@@ -65,41 +87,90 @@ class PendingReplies:
         """Whether an exception that fits the job may belong to an older request: it carries only the function."""
         return any(owed.job is not job and owed.request.function == job.request.function for owed in self._owed)
 
-    def answered(self, job: Job, until: float) -> float:
-        """The job was answered. Returns when the oldest attempt was sent that this reply may answer.
+    def answered(self, job: Job, until: float, frame: bytes = b"") -> float:
+        """The job was answered, by `frame`. Returns when the oldest request was sent that this reply may answer.
 
-        Where that is not the latest one, a reply is still owed, until the time given. What is older than the attempt
-        answered will not arrive any more.
+        Where that is not the latest attempt, a reply is still owed, until the time given. What is older than the
+        attempt answered will not arrive any more, where replies come in order.
         """
         if not self._owed:
             return job.sent_at
-        alike = [owed for owed in self._owed if owed.request.may_answer(job.request)]
+        heard = self._heard.get(frame)
+        if heard is not None:
+            self.unanswered(job, until)  # it may be a copy
+            return heard.since
+        alike = [owed for owed in self._owed if _may_give(owed.request, frame, job.request)]
         since = min((owed.sent_at for owed in alike), default=job.sent_at)
-        self._forget_before(since)
+        self._settle(alike, frame, job.request)
+        if self._in_order:
+            self._forget_before(since)
         if alike:
-            self._owed.remove(min(alike, key=lambda owed: owed.sent_at))
             self.unanswered(job, until)
         return since
 
-    def arrived(self, request: Request) -> float | None:
-        """A late reply to such a request arrived: the oldest one's. Returns when that was sent."""
-        return self._settle([owed for owed in self._owed if owed.request.may_answer(request)])
+    def arrived(self, request: Request, frame: bytes = b"") -> float | None:
+        """A late reply to such a request arrived. Returns when the oldest one was sent that it may answer; None for
+        a copy, or if there is none."""
+        return self._came(frame, [owed for owed in self._owed if _may_give(owed.request, frame, request)])
 
-    def excepted(self, function: int) -> None:
-        """A late exception arrived for a function: the oldest request's."""
-        self._settle([owed for owed in self._owed if owed.request.function == function])
+    def excepted(self, function: int, frame: bytes = b"") -> None:
+        """A late exception arrived for a function."""
+        if not is_a_gateways(frame):
+            self._came(frame, [owed for owed in self._owed if owed.request.function == function])
 
-    def __iter__(self) -> Iterator[PendingReply]:
-        return iter(self._owed)
+    def leaves_undecided(self, job: Job, frame: bytes) -> bool:
+        """Whether a refusal that fits the job on the wire may belong to something older, and so decides nothing.
 
-    def _settle(self, alike: list[PendingReply]) -> float | None:
-        if not alike:
+        Where replies come in order, the oldest that it fits has then arrived with it, or never will.
+        """
+        heard = self._heard.get(frame)
+        if heard is not None and heard.attempt == (job, job.sent_at):
+            return True  # it may be a copy
+        if not self._owed or not (self.hides_exception(job) if is_exception(frame) else self.hides_refusal(job)):
+            return False
+        older = [owed for owed in self._owed if owed.request.answered_by(frame)]
+        until = max((owed.until for owed in older), default=job.sent_at)
+        if self._in_order and not is_a_gateways(frame):
+            self._came(frame, older)
+        self._heard[frame] = _Heard(job.sent_at, until, (job, job.sent_at))
+        return True
+
+    def _came(self, frame: bytes, alike: list[PendingReply]) -> float | None:
+        if not alike or frame in self._heard:
             return None
-        oldest = min(alike, key=lambda owed: owed.sent_at)
-        self._owed.remove(oldest)
-        self._forget_before(oldest.sent_at)
-        return oldest.sent_at
+        since = min(owed.sent_at for owed in alike)
+        self._settle(alike, frame, alike[0].request)
+        if self._in_order:
+            self._forget_before(since)
+        return since
+
+    def _settle(self, alike: list[PendingReply], frame: bytes, request: Request) -> None:
+        """Strike out the oldest of some replies, one of which came.
+
+        Where replies may overtake each other, the others tell as much as the oldest only if all look the same.
+        """
+        if not alike:
+            return
+        if frame:
+            since, until = min(owed.sent_at for owed in alike), max(owed.until for owed in alike)
+            self._heard[frame] = _Heard(since, until, None)
+        if self._in_order or all(_look_the_same(owed.request, request) for owed in alike):
+            self._owed.remove(min(alike, key=lambda owed: owed.sent_at))
 
     def _forget_before(self, sent_at: float) -> None:
-        if self._in_order:
-            self._owed = [owed for owed in self._owed if owed.sent_at >= sent_at]
+        self._owed = [owed for owed in self._owed if owed.sent_at >= sent_at]
+
+
+def _may_give(owed: Request, frame: bytes, request: Request) -> bool:
+    """Whether a frame that fits `request` may be the reply to one that is owed."""
+    return owed.answered_by(frame) if frame else owed.may_answer(request)
+
+
+def _look_the_same(one: Request, other: Request) -> bool:
+    """Whether two requests are answered by frames of the same looks."""
+    return (one.prefix, one.length, one.refusal, one.function) == (
+        other.prefix,
+        other.length,
+        other.refusal,
+        other.function,
+    )

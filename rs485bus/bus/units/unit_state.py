@@ -89,7 +89,7 @@ class UnitState:
         if attached is not None and attached.reply_timeout is not None:
             self.reply_timeout = attached.reply_timeout
         if attached is not None and attached.late_reply_window is not None:
-            self.late_reply_window = attached.late_reply_window
+            self.late_reply_window = max(self.late_reply_window, attached.late_reply_window)
 
     def meaning(self, request: Request, code: int | None) -> Meaning:
         """What a refusal says of a request; `code` is None for one inside a normal reply."""

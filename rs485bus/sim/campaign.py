@@ -315,6 +315,8 @@ class Campaign:
         def reported(report: EmergencyReport) -> None:
             self._halts -= 1
             owner.gate.latched = False
+            for address in self._drives:
+                owner.units[address].locked = ""  # as enabling it does
             turning = [address for address, drive in self._drives.items() if drive.moving(rig.now)]
             if report.all_standing and turning:
                 self._verdict.wrong.append(f"an emergency stop says that all stand, and {turning} turn")

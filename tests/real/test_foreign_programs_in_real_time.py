@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import re
-import socket
 import sys
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from rs485bus.compat import BusClient
 from rs485bus.errors import DeviceRefused, NoReply, PortNotFound
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.wire.registers import Repeat
-from tests.real.support import in_real_time, needs, null_modem, posix, run, running
+from tests.real.support import free_port, in_real_time, needs, null_modem, posix, run, running
 
 pytestmark = posix
 
@@ -116,12 +115,6 @@ def test_a_libmodbus_slave_behind_our_bus(tmp_path: Path) -> None:
             assert polls == [[500, 9, 8, 7]] * 50
 
     in_real_time(main)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 async def connected(port: int) -> Bus:

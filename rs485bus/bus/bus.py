@@ -327,7 +327,8 @@ class Bus:
                 raise
         if job.outcome is Outcome.REPLY:
             return job.reply
-        raise failure(job, self.flight, None if attached is None else attached.family, self._port.trouble)
+        family = None if attached is None else attached.family
+        raise failure(job, self.flight, family, self._port.trouble, str(self._port.programs))
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""

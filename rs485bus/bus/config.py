@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from serial.rs485 import RS485Settings
+
 from rs485bus.arguments import flag, real, whole
 
 _PAIR_WINDOW, _GATEWAY_WINDOW = 0.5, 5.0
@@ -43,8 +45,12 @@ class BusConfig:
     """Longest pause before a lost port is opened again."""
     tcp_gap: float = 0.005
     """Silence kept between frames where a gateway does the framing (RTU over TCP). 0..1."""
-    rs485_direction: bool = False
-    """Let the kernel switch the direction by RTS (TIOCSRS485), for ports wired so."""
+    rs485_direction: bool | RS485Settings = False
+    """Let the kernel switch the direction by RTS (TIOCSRS485), for ports wired so.
+
+    True for RTS high while sending; `serial.rs485.RS485Settings(rts_level_for_tx=False, rts_level_for_rx=True,
+    delay_before_tx=0.001)` for other wirings. Its delays are 0..0.1 s.
+    """
 
     def __post_init__(self) -> None:
         _within("reply_timeout", self.reply_timeout, 0.001, 10)
@@ -60,7 +66,11 @@ class BusConfig:
         if self.echo not in ("auto", True, False):
             raise ValueError(f"echo {self.echo!r} is none of 'auto', True, False")
         flag("leave_running", self.leave_running)
-        flag("rs485_direction", self.rs485_direction)
+        if isinstance(self.rs485_direction, RS485Settings):
+            _within("delay_before_tx", self.rs485_direction.delay_before_tx or 0.0, 0, 0.1)
+            _within("delay_before_rx", self.rs485_direction.delay_before_rx or 0.0, 0, 0.1)
+        else:
+            flag("rs485_direction", self.rs485_direction)
 
     def late_reply_window_of(self, gateway: bool) -> float:
         """The late reply window of a pair, or of what is behind a gateway."""

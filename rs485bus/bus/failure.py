@@ -78,7 +78,9 @@ class _Details(TypedDict):
     code: int | None
 
 
-def failure(job: Job, records: Sequence[Record], family: str | None = None, port: str = "") -> RequestFailed:
+def failure(
+    job: Job, records: Sequence[Record], family: str | None = None, port: str = "", programs: str = ""
+) -> RequestFailed:
     """The exception that says how the job ended, for every end but a reply.
 
     Args:
@@ -86,6 +88,7 @@ def failure(job: Job, records: Sequence[Record], family: str | None = None, port
         records: the latest transactions on the bus.
         family: what the device is taken for; None where it has no facade.
         port: why the port is away, and what to do about it; empty where it is there.
+        programs: which other programs read along at the port, and what to do about it; empty where none does.
     """
     details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts, code=job.code)
     what = str(job.request)
@@ -97,7 +100,7 @@ def failure(job: Job, records: Sequence[Record], family: str | None = None, port
             why = f"the port is away, and is opened again by itself. {port.rstrip('.')}"
         return error(f"Not sent, {why}: {what}.", **details)
     again = f" It was not sent again, {_NOT_SENT[job.reason][1]}." if job.reason in _NOT_SENT else ""
-    again = _MEANWHILE.get(job.reason, again)
+    again = _MEANWHILE.get(job.reason, again) + (programs and f" {programs}")
     if job.outcome is Outcome.NO_REPLY:
         return NoReply(
             f"No reply, {_sent(job)}: {what}.{again} {_check(job)} The request may be repeated safely.", **details

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable
 
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.other_programs import OtherPrograms
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.runner import OwnerRunner
 from rs485bus.errors import PortError
@@ -35,6 +36,8 @@ class Port:
         self.received = runner.received
         """Bytes came in."""
         runner.drop = self.drop
+        self.programs = OtherPrograms(transport)
+        owner.journal.missed = self.programs.missed
         self._trouble = ""
         self._listeners: list[Callable[[], None]] = []
         self._transport = transport
@@ -89,6 +92,7 @@ class Port:
         """Close it, and do not open it again."""
         self._closed = True
         self._stop_timer()
+        self.programs.close()
         if self._attempt is not None:
             self._attempt.cancel()
             await asyncio.wait({self._attempt}, timeout=_GIVING_UP_TAKES)
@@ -128,6 +132,7 @@ class Port:
         finally:
             self._opening = False
         self._is_open, self._dropped = True, ""
+        self.programs.look()
         self._opened_at = self._loop.time()
         self._answers = self._answered()
         return self._lost_while_opening

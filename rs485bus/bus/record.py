@@ -101,11 +101,13 @@ Observer = Callable[[Record], None]
 class Journal:
     """Takes the records and hands them on."""
 
-    __slots__ = ("_observers", "flight", "stats")
+    __slots__ = ("_observers", "flight", "missed", "stats")
 
     def __init__(self) -> None:
         self.flight: deque[Record] = deque(maxlen=FLIGHT_RECORDER)
         self.stats = BusStats()
+        self.missed: Callable[[], None] = lambda: None
+        """Told of each attempt that was not answered."""
         self._observers: tuple[Observer, ...] = ()
 
     def unit(self, address: int) -> UnitStats:
@@ -131,6 +133,7 @@ class Journal:
             unit.refusals += 1
         elif record.outcome not in ("broadcast", "sent"):
             unit.timeouts += 1
+            self.missed()
         for observer in self._observers:
             try:
                 observer(record)

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable
 
 from rs485bus.bus.owner import Owner
+from rs485bus.transport.clock import Suspensions
 from rs485bus.transport.interface import Transport
+
+_log = logging.getLogger("rs485bus")
+
+BLOCKED = 0.25
+"""Seconds by which the event loop may be late before it is said that something blocks it."""
+_SAID_EVERY = 10.0
+"""Seconds within which that is said once."""
 
 
 class OwnerRunner:
@@ -24,6 +33,10 @@ class OwnerRunner:
         self._loop = loop
         self.drop: Callable[[str], None] = lambda reason: transport.abort()
         """Gives the connection up, for a reason."""
+        self.blocked: Callable[[float], None] = lambda seconds: None
+        """Told for how many seconds the event loop did not run while it had to."""
+        self._suspensions = Suspensions(loop)
+        self._said_blocked_at = float("-inf")
         self._alarm = transport.alarm(self._wake)
         self._running = False
         self._again = False
@@ -54,11 +67,17 @@ class OwnerRunner:
             self._again = True  # asked for from within: the loop below comes round again
             return
         self._running = True
-        owner, transport, loop = self._owner, self._transport, self._loop
+        owner, transport, loop, suspensions = self._owner, self._transport, self._loop, self._suspensions
         try:
             while True:
                 self._again = False
+                ahead = suspensions.clock()
                 now = loop.time()
+                ahead -= now
+                if ahead > suspensions.limit and self._was_suspended(suspensions.take(ahead)):
+                    return
+                if now - self._wakes_at > BLOCKED:
+                    self._say_blocked(now)
                 if now >= (owner.one_way_ends_at if owner.pair.job is None else owner.pair.deadline) and (
                     transport.unsent
                 ):
@@ -95,6 +114,23 @@ class OwnerRunner:
             self.run()
         finally:
             self._woken = False
+
+    def _was_suspended(self, seconds: float) -> bool:
+        """Nobody fed the drives, and the adapter may have been without power. Returns whether the port is given up."""
+        if self._owner.gate.connected:
+            self.drop(f"the computer was suspended for {seconds:.1f} s")
+        return self._owner.gate.connected
+
+    def _say_blocked(self, now: float) -> None:
+        late, self._wakes_at = now - self._wakes_at, float("inf")
+        if now - self._said_blocked_at > _SAID_EVERY:
+            self._said_blocked_at = now
+            _log.warning(
+                "the event loop did not run for %.2f s: nothing was fed, supervised or stopped meanwhile. Something in "
+                "this program blocks it; call that in a thread: await asyncio.to_thread(...)",
+                late,
+            )
+        self.blocked(late)
 
     def _set_alarm(self, wake: float) -> None:
         self._wakes_at = wake

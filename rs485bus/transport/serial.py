@@ -16,7 +16,9 @@ import serial_asyncio
 from serial.tools import list_ports
 
 from rs485bus.errors import PortBusy, PortError, PortNotFound, PortPermissionDenied
+from rs485bus.transport.adapter import Adapter, adapter_at, find_again
 from rs485bus.transport.alarm import Alarm, make_alarm
+from rs485bus.transport.holders import holders, others
 from rs485bus.transport.interface import Sink, SinkProtocol
 from rs485bus.transport.worker import in_thread
 from rs485bus.wire.timing import LineSettings
@@ -25,6 +27,10 @@ try:
     from termios import error as _termios_error
 except ImportError:  # Windows
     _termios_error = OSError  # type: ignore[misc,assignment]
+
+_FTDI = 0x0403
+_FTDI_LATENCY = 0.016
+"""Seconds for which an FTDI adapter holds bytes back as it is shipped."""
 
 _log = logging.getLogger("rs485bus")
 
@@ -60,22 +66,33 @@ class SerialTransport:
     Args:
         port: its path or name: "/dev/ttyUSB0", "COM3".
         line: how characters travel.
-        rs485_direction: let the kernel switch the direction by RTS (TIOCSRS485).
+        rs485_direction: let the kernel switch the direction by RTS (TIOCSRS485); with settings, as they say.
     """
 
     gateway = False
 
-    def __init__(self, port: str, line: LineSettings, *, rs485_direction: bool = False) -> None:
+    def __init__(
+        self, port: str, line: LineSettings, *, rs485_direction: bool | serial.rs485.RS485Settings = False
+    ) -> None:
         self.name = port
         self.line = line
+        self.receive_latency = 0.0
+        """Seconds for which the adapter may hold received bytes back, as far as the system tells."""
+        self._path = port
         self._rs485_direction = rs485_direction
         self._transport: serial_asyncio.SerialTransport | None = None
         self._protocol: SinkProtocol | None = None
         self._fd = -1
+        self._adapter: Adapter | None = None
+        self._was_open = False
 
     async def open(self, sink: Sink) -> None:
-        """Open the port exclusively. Raises `PortError`, which says what to do."""
-        port = await in_thread(lambda: _open(self.name, self.line, self._rs485_direction), _Port.close)
+        """Open the port exclusively; if it was open before, on the same adapter only.
+
+        Raises:
+            PortError: it says what to do.
+        """
+        port = await in_thread(self._open, _Port.close)
         protocol = self._protocol = SinkProtocol(sink)
         loop = asyncio.get_running_loop()
         try:
@@ -84,6 +101,21 @@ class SerialTransport:
             port.close()
             raise _explained(self.name, self.line, error) from error
         self._fd = port.fileno() if os.name == "posix" else -1
+
+    def _open(self) -> _Port:
+        """Open it, in a worker thread: it may take its time."""
+        path = self._path = self.name if self._adapter is None else find_again(self._adapter, self.name)
+        port = _open(path, self.line, self._rs485_direction)
+        if not self._was_open:
+            self._adapter, self._was_open = adapter_at(self.name), True
+        if path != self.name:
+            _log.warning("%s is %s now: it is the same adapter", self.name, path)
+        self.receive_latency = _receive_latency(port, self._rs485_direction, self._adapter)
+        return port
+
+    def readers(self) -> list[str]:
+        """Other programs that have the port open, too, such as "cat (process 123)". It takes some time."""
+        return others(self._path)
 
     def write(self, data: bytes) -> None:
         if self._transport is None or self._transport.is_closing():
@@ -119,8 +151,7 @@ class SerialTransport:
         return make_alarm(asyncio.get_running_loop(), callback)
 
 
-def _open(name: str, line: LineSettings, rs485_direction: bool) -> _Port:
-    """Open a port, in a worker thread: it may take its time."""
+def _open(name: str, line: LineSettings, rs485_direction: bool | serial.rs485.RS485Settings) -> _Port:
     try:
         port = _Port(
             name,
@@ -135,7 +166,8 @@ def _open(name: str, line: LineSettings, rs485_direction: bool) -> _Port:
         raise _explained(name, line, error) from error
     try:
         if rs485_direction:
-            setattr(port, "rs485_mode", serial.rs485.RS485Settings())  # noqa: B010 - typed as a method
+            settings = serial.rs485.RS485Settings() if rs485_direction is True else rs485_direction
+            setattr(port, "rs485_mode", settings)  # noqa: B010 - typed as a method
     except (OSError, ValueError, NotImplementedError) as error:
         port.close()
         raise PortError(
@@ -147,16 +179,22 @@ def _open(name: str, line: LineSettings, rs485_direction: bool) -> _Port:
 
 
 def _hurry(port: _Port) -> None:
-    """Ask the driver not to hold bytes back; warn where it still does."""
+    """Ask the driver not to hold bytes back."""
     try:
         port.set_low_latency_mode(True)
     except (OSError, ValueError, NotImplementedError, AttributeError) as error:
         _log.debug("%s: no low-latency mode: %s", port.port, error)
+
+
+def _receive_latency(port: _Port, rs485_direction: bool | serial.rs485.RS485Settings, adapter: Adapter | None) -> float:
+    """Seconds by which a reply may be seen later than it came; warn where it is many."""
+    waits = 0.0 if isinstance(rs485_direction, bool) else rs485_direction.delay_before_tx or 0.0
     timer = _latency_timer(str(port.port))
     try:
         latency = int(timer.read_text())
     except (OSError, ValueError):
-        return
+        is_ftdi = adapter is not None and adapter.vendor == _FTDI and sys.platform != "linux"
+        return waits + (_FTDI_LATENCY if is_ftdi else 0.0)
     if latency > 1:
         _log.warning(
             "%s hands received bytes over only every %d ms, which slows every request down. "
@@ -165,6 +203,7 @@ def _hurry(port: _Port) -> None:
             latency,
             timer,
         )
+    return waits + latency / 1000
 
 
 def _latency_timer(port: str) -> Path:
@@ -180,8 +219,10 @@ def _explained(name: str, line: LineSettings, error: Exception) -> PortError:
         there = ", ".join(port.device for port in list_ports.comports()) or "none"
         return PortNotFound(f"There is no port {name}. Ports of this machine: {there}.")
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
-        held = _holders(name)
-        return PortBusy(f"{name} is in use{held}. Close the other program, or share one bus within one program.")
+        held = ", ".join(f"{program} (process {number})" for number, program in sorted(holders(name).items()))
+        return PortBusy(
+            f"{name} is in use{held and f' by {held}'}. Close the other program, or share one bus within one program."
+        )
     if number in (errno.EACCES, errno.EPERM) or "PermissionError" in text:
         if sys.platform == "win32":
             return PortBusy(f"{name} is in use by another program, or may not be opened. Close the other program.")
@@ -190,17 +231,3 @@ def _explained(name: str, line: LineSettings, error: Exception) -> PortError:
         )
     setting = f"{line.baudrate} bit/s, 8{line.parity}{line.stopbits}"
     return PortError(f"{name} could not be opened as a serial port at {setting}: {text}")
-
-
-def _holders(name: str) -> str:
-    """Who holds the port, as far as this user may see it (Linux)."""
-    path = Path(name).resolve()
-    holders = set()
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        try:
-            if link.resolve() == path:
-                pid = link.parts[2]
-                holders.add(f"{Path('/proc', pid, 'comm').read_text().strip()} (process {pid})")
-        except OSError:
-            continue
-    return f" by {', '.join(sorted(holders))}" if holders else ""

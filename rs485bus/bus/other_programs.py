@@ -1,0 +1,57 @@
+"""Other programs that have the port open, too: each byte goes to one of them only. Looked for off the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+
+from rs485bus.transport.interface import Transport
+from rs485bus.transport.worker import in_thread
+
+_log = logging.getLogger("rs485bus")
+
+LOOKED_EVERY = 5.0
+"""Seconds within which it is looked once, while requests are not answered."""
+
+
+class OtherPrograms:
+    """Who reads along at a transport, as far as it can tell."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._loop = asyncio.get_running_loop()
+        self._readers: Callable[[], list[str]] | None = getattr(transport, "readers", None)
+        self._found: list[str] = []
+        self._looked_at = float("-inf")
+        self._looking: asyncio.Task[None] | None = None
+
+    def __str__(self) -> str:
+        """What is wrong and what to do about it, as it was seen last; empty where nobody reads along."""
+        if not self._found:
+            return ""
+        programs, one = " and ".join(self._found), "it" if len(self._found) == 1 else "them"
+        return f"{programs} has {self._transport.name} open, too, and takes bytes away: close {one}."
+
+    def missed(self) -> None:
+        """A request was not answered: somebody may have taken the answer."""
+        if self._readers is not None and self._loop.time() - self._looked_at > LOOKED_EVERY:
+            self.look()
+
+    def look(self) -> None:
+        """Look who it is; that takes a while."""
+        if self._readers is not None and (self._looking is None or self._looking.done()):
+            self._looked_at = self._loop.time()
+            self._looking = self._loop.create_task(self._look(self._readers), name="rs485bus looking who reads along")
+
+    def close(self) -> None:
+        """Look no more."""
+        self._readers = None
+        if self._looking is not None:
+            self._looking.cancel()
+
+    async def _look(self, readers: Callable[[], list[str]]) -> None:
+        before = self._found
+        self._found = await in_thread(readers, lambda _: None)
+        if self._found and self._found != before:
+            _log.warning("%s", self)

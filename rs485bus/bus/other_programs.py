@@ -11,8 +11,9 @@ from rs485bus.transport.worker import in_thread
 
 _log = logging.getLogger("rs485bus")
 
-LOOKED_EVERY = 5.0
-"""Seconds within which it is looked once, while requests are not answered."""
+FIRST_PAUSE = 5.0
+LONGEST_PAUSE = 60.0
+"""Seconds between two looks, while requests go on being unanswered: they grow from the first to the longest."""
 
 
 class OtherPrograms:
@@ -23,7 +24,9 @@ class OtherPrograms:
         self._loop = asyncio.get_running_loop()
         self._readers: Callable[[], list[str]] | None = getattr(transport, "readers", None)
         self._found: list[str] = []
-        self._looked_at = float("-inf")
+        self._look_at = float("-inf")
+        """An unanswered request before that is no reason to look again."""
+        self._pause = FIRST_PAUSE
         self._looking: asyncio.Task[None] | None = None
 
     def __str__(self) -> str:
@@ -35,13 +38,14 @@ class OtherPrograms:
 
     def missed(self) -> None:
         """A request was not answered: somebody may have taken the answer."""
-        if self._readers is not None and self._loop.time() - self._looked_at > LOOKED_EVERY:
+        if self._readers is not None and self._loop.time() >= self._look_at:
+            self._look_at = self._loop.time() + self._pause
+            self._pause = min(2 * self._pause, LONGEST_PAUSE)
             self.look()
 
     def look(self) -> None:
         """Look who it is; that takes a while."""
         if self._readers is not None and (self._looking is None or self._looking.done()):
-            self._looked_at = self._loop.time()
             self._looking = self._loop.create_task(self._look(self._readers), name="rs485bus looking who reads along")
 
     def close(self) -> None:

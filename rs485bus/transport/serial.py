@@ -92,7 +92,7 @@ class SerialTransport:
         Raises:
             PortError: it says what to do.
         """
-        port = await in_thread(self._open, _Port.close)
+        port = await in_thread(self._open, lambda port: port.close())
         protocol = self._protocol = SinkProtocol(sink)
         loop = asyncio.get_running_loop()
         try:

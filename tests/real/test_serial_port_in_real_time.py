@@ -5,19 +5,24 @@ import errno
 import logging
 import os
 import resource
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import serial
+from serial.rs485 import RS485Settings
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from rs485bus import BusConfig, MksServo, open_bus
-from rs485bus.errors import NoReply, PortBusy, PortError, PortPermissionDenied
+from rs485bus.errors import NoReply, NotSent, PortBusy, PortError, PortPermissionDenied
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.transport import serial as serial_transport
 from rs485bus.wire.timing import LineSettings
-from tests.real.support import in_real_time, posix
+from tests.bus.support import Deaf
+from tests.real.support import in_real_time, posix, running
 
 pytestmark = posix
 
@@ -101,6 +106,87 @@ def test_a_port_that_vanishes_is_opened_again(tmp_path: Path) -> None:
     in_real_time(main)
 
 
+def test_a_port_is_opened_again_on_the_same_adapter_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    plugged: list[ListPortInfo] = []
+    monkeypatch.setattr(list_ports, "comports", lambda: plugged)
+
+    def plug(path: str, serial_number: str) -> None:
+        info = ListPortInfo(path)
+        info.serial_number = serial_number
+        plugged[:] = [info]
+
+    async def main() -> None:
+        ours, foreign = VirtualLine(SimUnit(1, BANK)), VirtualLine(SimUnit(1, {3: 666}))
+        link = tmp_path / "port"
+        config = BusConfig(reopen_min=0.05, reopen_max=0.1)
+        port = await ours.serve_pty(link)
+        plug(port.path, "A1")
+        async with open_bus(str(link), baudrate=115200, config=config) as bus:
+            assert await bus.unit(1).read_holding_registers(3) == [103]
+            await port.aclose()
+            reading = asyncio.create_task(bus.unit(1).read_holding_registers(3, timeout=10))
+            async with await foreign.serve_pty(link) as other:
+                plug(other.path, "B2")
+                await asyncio.sleep(0.5)
+                assert not bus.connected
+                with pytest.raises(NotSent, match=r"another adapter now .*serial number B2"):
+                    await bus.unit(1).read_holding_registers(3, timeout=0.1)
+            port = await ours.serve_pty(link)
+            plug(port.path, "A1")
+            assert await asyncio.wait_for(reading, 5) == [103]
+        await port.aclose()
+
+    in_real_time(main)
+
+
+def test_a_program_that_reads_along_is_named_where_replies_go_missing(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        line = VirtualLine(Deaf(1))
+        async with await line.serve_pty() as port:
+            async with open_bus(port.path, baudrate=115200) as bus:
+                await asyncio.sleep(0.2)
+                assert "open, too" not in caplog.text
+            bus = await open_bus(port.path, baudrate=115200, config=BusConfig(reply_timeout=0.3))
+            await asyncio.sleep(0.3)  # at opening it was looked already
+            async with running("sh", "-c", f"exec sleep 30 < {port.path}") as other:
+                await asyncio.sleep(0.2)
+                with pytest.raises(NoReply, match=rf"sleep \(process {other.pid}\) has {port.path} open, too"):
+                    await bus.unit(1).read_holding_registers(0)
+                assert "takes bytes away: close it." in caplog.text
+            await bus.aclose()
+
+    in_real_time(main)
+
+
+def test_a_program_that_has_the_port_open_already_is_named_at_opening(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port, running("cat", port.path) as cat:
+            await asyncio.sleep(0.2)
+            async with open_bus(port.path, baudrate=115200):
+                await asyncio.sleep(0.5)
+            assert f"cat (process {cat.pid}) has {port.path} open, too" in caplog.text
+
+    in_real_time(main)
+
+
+def test_the_other_end_of_a_pseudo_terminal_reads_nothing_along(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        command = (sys.executable, "-m", "rs485bus", "sim", "--mks", "1")
+        process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        assert process.stdout is not None
+        path = (await process.stdout.readline()).decode().strip()
+        async with open_bus(path, baudrate=38400):
+            await asyncio.sleep(0.5)
+        process.terminate()
+        await process.communicate()
+        assert "open, too" not in caplog.text
+
+    in_real_time(main)
+
+
 @pytest.fixture
 def high_descriptors() -> Iterator[None]:
     """All descriptors up to 1100 are taken."""
@@ -173,6 +259,34 @@ def test_a_driver_that_cannot_switch_the_direction_says_so() -> None:
     in_real_time(main)
 
 
+def test_the_direction_is_switched_with_the_polarity_and_the_delays_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[RS485Settings] = []
+    monkeypatch.setattr(
+        serial_transport._Port, "rs485_mode", property(None, lambda port, settings: asked.append(settings))
+    )
+    inverted = RS485Settings(rts_level_for_tx=False, rts_level_for_rx=True, delay_before_tx=0.004)
+
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, BANK))
+        async with await line.serve_pty() as port:
+            for direction in (True, inverted):
+                async with open_bus(port.path, baudrate=115200, config=BusConfig(rs485_direction=direction)) as bus:
+                    assert await bus.unit(1).read_holding_registers(3) == [103]
+                    latency = bus._transport.receive_latency  # type: ignore[attr-defined]
+                    assert latency == (0.0 if direction is True else 0.004)
+
+    in_real_time(main)
+    assert asked[0].rts_level_for_tx is True
+    assert asked[1] is inverted
+
+
+def test_delays_that_the_kernel_does_not_have_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"delay_before_tx 0.2 is outside 0..0.1"):
+        BusConfig(rs485_direction=RS485Settings(delay_before_tx=0.2))
+    with pytest.raises(TypeError, match="rs485_direction"):
+        BusConfig(rs485_direction="yes")  # type: ignore[arg-type]
+
+
 def test_a_slow_latency_timer_is_warned_of_with_the_command_that_mends_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -182,8 +296,8 @@ def test_a_slow_latency_timer_is_warned_of_with_the_command_that_mends_it(
 
     async def main() -> None:
         line = VirtualLine(SimUnit(1, BANK))
-        async with await line.serve_pty() as port, open_bus(port.path, baudrate=115200):
-            pass
+        async with await line.serve_pty() as port, open_bus(port.path, baudrate=115200) as bus:
+            assert bus._transport.receive_latency == 0.016  # type: ignore[attr-defined]
 
     with caplog.at_level(logging.WARNING):
         in_real_time(main)

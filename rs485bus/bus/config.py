@@ -30,7 +30,8 @@ class BusConfig:
     """How long after the end of its reply budget an unanswered request may still be answered. 0.05..10. Left as it is,
     it means 5 s behind a gateway, which may hold replies back."""
     offline_after: int = 3
-    """Unanswered requests in a row after which a device is taken for offline. 1..100."""
+    """Unanswered requests in a row before which a device is never taken for offline. After them it is, once its silence
+    is less likely than one in a billion for what the line loses: five attempts on a good one. 1..100."""
     max_queued: int = 20_000
     """Requests that may wait at once. 1..1,000,000."""
     echo: Literal["auto"] | bool = "auto"

@@ -23,6 +23,7 @@ from rs485bus.bus.schedule.scheduler import Scheduler
 from rs485bus.bus.schedule.timers import Timer, Timers
 from rs485bus.bus.stopping.halt import Halt, Procedure
 from rs485bus.bus.units.motion import NEVER, Motion
+from rs485bus.bus.units.probing import listening_time
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
@@ -303,7 +304,8 @@ class Owner:
         """When something may go, if nothing is out. What somebody waits for is made ready while the line is quiet."""
         if self._queue.size:
             return self.pair.quiet_at - self._lead
-        return max(self.pair.quiet_at, min(self.feeding.next_at(self.now), self.units.to_probe_at(self.now)))
+        probe_at = self.units.to_probe_at(self.now, idle=True)
+        return max(self.pair.quiet_at, min(self.feeding.next_at(self.now), probe_at))
 
     def _choose(self) -> tuple[Job | None, float]:
         """The job that goes next or, if there is none, when to look again."""
@@ -342,7 +344,10 @@ class Owner:
         watch = self.feeding.soon(self.now)
         if watch is not None:
             return self._feed(watch, wake)
-        wake = min(wake, again, self.units.to_probe_at(self.now))
+        lost = self.units.to_probe(self.now, idle=True)
+        if lost is not None and (job := self._look_for(lost)) is not None:
+            return job, wake
+        wake = min(wake, again, self.units.to_probe_at(self.now, idle=True))
         if not self.gate.settled:
             # Only writes wait, and they wait for a read: nobody answers that with its own bytes.
             writing = next((job for job in self._queue if job.request.writes), None)
@@ -391,10 +396,13 @@ class Owner:
     def _look_for(self, unit: UnitState) -> Job | None:
         """A read that only asks whether anybody answers; None if it goes once the pair was quiet for long enough."""
         request = unit.harmless_read()
-        longest = self.gate.longest_wait(request)
         job = Job(request, urgency=Urgency.POLL, ignores_late_replies=True, internal=True, retries=0)
-        if longest < unit.reply_timeout:
-            job.reply_timeout = longest
+        listens = unit.reply_timeout
+        if unit.reach.offline:
+            listens = listening_time(listens, self.journal.unit(unit.address).latency(1.0))
+        listens = min(listens, self.gate.longest_wait(request))
+        if listens < unit.reply_timeout:
+            job.reply_timeout = listens
         if not unit.pause:
             return job
         if not self._queue.has(Urgency.POLL, unit.address):
@@ -406,6 +414,7 @@ class Owner:
     def _send(self, job: Job, start: float) -> bytes:
         self.send_at = start
         job.attempts += 1
+        job.code = None
         job.sent_at = start
         if job.moves and job.motion is not None and job.request.writes:
             job.motion.commanded(start)
@@ -421,8 +430,6 @@ class Owner:
             self._one_way.append(job)
             self.one_way_ends_at = over
             self.at(over, lambda: self._one_way_ended(job, Outcome.REPLY))
-        elif not job.request.writes:
-            unit.last_read = job.request
         if job.request.writes:
             self._register_writes.sent(job)
         return job.request.adu
@@ -444,7 +451,7 @@ class Owner:
         elif kind is Kind.LATE:
             # It is delivered to nobody; but whoever answers late is there, and heard what was asked then.
             self.journal.unit(unit.address).late_replies += 1
-            self.units.answered(unit)
+            self.units.heard(unit, self.now)
             if (since := unit.late.arrived(request, frame)) is not None:
                 self.feeding.heard(unit.address, since)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
@@ -457,12 +464,13 @@ class Owner:
     def _heard_of(self, unit: UnitState, frame: bytes) -> None:
         """A frame came that ended nothing. It tells that the unit is there, unless a gateway says that it is not."""
         if not is_a_gateways(frame):
-            self.units.answered(unit)
+            self.units.heard(unit, self.now)
 
     def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
         meaning = None
         if kind is not Kind.NORMAL:
-            job.code = frame[2] if kind is Kind.EXCEPTION else None
+            if kind is Kind.EXCEPTION:
+                job.code = frame[2]
             meaning = unit.meaning(job.request, job.code)
             if meaning is Meaning.UNANSWERED:
                 self._unanswered("no reply", frame)
@@ -470,7 +478,7 @@ class Owner:
         since = unit.late.answered(job, self.pair.deadline + unit.late_reply_window, frame)
         job.answered_since = since
         job.reply = frame
-        self.units.answered(unit)
+        self.units.answered(unit, job.request)
         self._note(job, frame, "reply" if meaning is None else "refused", self.now)
         self.pair.exchange.settle()
         self.pair.end(self.units.late(self.now))
@@ -494,8 +502,6 @@ class Owner:
         assert job is not None
         unit = self.units[job.address]
         job.unanswered += 1
-        if not frame:
-            job.code = None
         self.units.owes(unit, job, max(self.pair.deadline, self.now))
         self._note(job, frame, how, self.now)
         if how == "no reply":

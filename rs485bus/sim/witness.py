@@ -56,4 +56,4 @@ class Witness(SimDevice):
         self._serial = (self._serial + 1) % 0x1_0000_0000
         self.reads[self._serial] = (now, pdu)
         self.reads.pop(self._serial - 500, None)
-        return bytes((pdu[0], 2 * count)) + self._serial.to_bytes(4, "big") + bytes(2 * count - 4)
+        return bytes((pdu[0], 2 * count)) + (self._serial.to_bytes(4, "big") + bytes(2 * count))[: 2 * count]

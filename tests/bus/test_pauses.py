@@ -89,12 +89,13 @@ def test_a_repetition_and_the_search_for_a_lost_unit_want_it_too() -> None:
     rig.owner.units[2].pause = PAUSE
     scripted = rig.pair.devices[1]
     assert isinstance(scripted, Scripted)
-    scripted.script.extend(["deaf"] * 6)
-    rig.done(rig.submit(read_holding(2, 0, 1)))
+    scripted.script.extend(["deaf"] * 9)
+    rig.done(*(rig.submit(read_holding(2, 0, 1)) for _ in range(3)))
+    assert rig.owner.units[2].reach.offline
     busy(meeting, 1, rig.now + 10)(None)
     rig.run(10)
     assert not rig.owner.units[2].reach.offline
-    assert len(meeting.before(2)) >= 7
+    assert len(meeting.before(2)) >= 10
     assert min(meeting.before(2)[1:]) >= PAUSE - 1e-9
 
 

@@ -1,61 +1,74 @@
-"""Which units answer, and how much time may be spent on looking for those that do not. Pure.
+"""Whether a unit answers, judged by evidence. Pure.
 
-Listening to a unit that does not answer takes the wire from all others, so it is rationed. A unit that was lost is
-looked for out of one account for all lost units, which fills slowly. A unit that comes and goes costs its last
-requests each time it goes; that, too, is paid for with time in which it is not looked for.
+A unit is taken for dead when its silence is too unlikely for the loss that the line shows, and not after a fixed count:
+a bad line loses many frames of a unit that is there. What is no evidence is not counted: a request that the unit has
+never answered may be one that it does not answer, and then it is asked for something that it has answered before.
 """
 
 from __future__ import annotations
 
-SHARE = 0.02
-"""The part of all time that may be spent on looking for lost units; as much again on those that come and go."""
-BURST = 0.25
-"""Seconds that may be spent on looking at once."""
+from rs485bus.bus.units.loss import LEAST, Loss, longest_silence, share_lost
+from rs485bus.bus.units.probing import SHARE, ProbeBudget
+
+__all__ = ["ProbeBudget", "Reachability"]
+
 FLAPPING = 60.0
 """Seconds within which a unit that falls silent again counts as coming and going."""
-SILENCE = 4
-"""Attempts in a row without an answer from which on a unit has fallen silent. A bad line hardly ever does that."""
-
-
-class ProbeBudget:
-    """The account of the time spent on looking for lost units."""
-
-    __slots__ = ("_at", "_level")
-
-    def __init__(self) -> None:
-        self._level = 0.0
-        self._at = 0.0
-
-    def spend(self, seconds: float, now: float) -> None:
-        self._level = self._drained(now) + seconds
-        self._at = now
-
-    def free_at(self, now: float) -> float:
-        """When there is something to spend again."""
-        return now + max(0.0, self._drained(now) - BURST) / SHARE
-
-    def _drained(self, now: float) -> float:
-        return max(0.0, self._level - SHARE * (now - self._at))
+_DOUBTS = 3
+"""Attempts that are no evidence after which the unit is asked for what it has answered before."""
+_NEVER = float("-inf")
 
 
 class Reachability:
     """Whether one unit answers."""
 
-    __slots__ = ("_listened", "_misses", "_silent_at", "_streak", "offline", "probe_at")
+    __slots__ = (
+        "_doubts",
+        "_flapping",
+        "_heard_at",
+        "_is_settled",
+        "_listened",
+        "_longest",
+        "_requests",
+        "_silent_at",
+        "_streak",
+        "loss",
+        "offline",
+        "probe_at",
+        "probed_at",
+    )
 
     def __init__(self) -> None:
         self.offline = False
         self.probe_at = 0.0
-        """Not to be looked for before."""
-        self._misses = 0
+        """Not to be looked for before, on a bus that others use."""
+        self.probed_at = 0.0
+        """When it was looked for last, or went offline."""
+        self.loss = Loss()
         self._streak = 0
+        """Attempts in a row that were not answered, of requests that it answers."""
+        self._doubts = 0
+        """Attempts in a row that were not answered, of others."""
+        self._requests = 0
+        """Requests in a row that ended without an answer."""
         self._listened = 0.0
-        self._silent_at = float("-inf")
+        self._flapping = 0
+        self._longest = longest_silence(LEAST)
+        """How many attempts in a row the line may lose by chance."""
+        self._silent_at = _NEVER
+        self._heard_at = _NEVER
+        self._is_settled = True
+        """Nothing has been missed since its latest answer."""
 
     @property
     def silent(self) -> bool:
-        """Whether it has fallen silent. Nothing is repeated then: repetitions are for what a line loses."""
-        return self._streak >= SILENCE
+        """Whether it seems to have fallen silent. Nothing is repeated then: repetitions are for what a line loses."""
+        return max(self._streak, self._doubts) >= self._longest
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether it is to be asked for what it has answered before: what it left unanswered is no evidence."""
+        return self._doubts >= _DOUBTS and not self.offline
 
     @property
     def missed_in_a_row(self) -> int:
@@ -68,35 +81,61 @@ class Reachability:
 
     def answered(self) -> bool:
         """The unit answered. True if it was offline until now."""
+        self.loss.answers += 1
+        if self._is_settled:
+            return False
         back, self.offline = self.offline, False
-        self._misses = self._streak = 0
+        if not back:
+            self.loss.between_answers(self._streak)
+        self._streak = self._doubts = self._requests = 0
         self._listened = 0.0
+        self._longest = longest_silence(LEAST)
+        self._is_settled = True
         return back
 
-    def unanswered(self, now: float, listened: float, flapping: int) -> bool:
-        """An attempt was not answered. True if the unit is offline from now on, since it comes and goes.
+    def heard(self, now: float) -> bool:
+        """The unit gave a sign of life that answers nothing that is waited for. As `answered`."""
+        self._heard_at = now
+        return self.answered()
+
+    def doubted(self, now: float, listened: float) -> None:
+        """An attempt was not answered, of a request that the unit may never answer."""
+        if now - listened > self._heard_at:
+            self._is_settled = False
+            self._listened += listened
+            self._doubts += 1
+
+    def asked_for_what_it_answers(self) -> None:
+        """Whether it is there is being found out; if it does not answer, again after the next attempt in vain."""
+        self._doubts = _DOUBTS - 1
+
+    def unanswered(self, now: float, listened: float, flapping: int, loss: float = LEAST) -> bool:
+        """An attempt was not answered, of a request that the unit answers. True if that happens too often in a row to
+        be the line's doing.
 
         Args:
             now: the time.
             listened: how many seconds were listened for it.
-            flapping: how many units come and go.
+            flapping: how many units come and go. One that does is looked for less often on a bus that others use.
+            loss: the share that the line loses.
         """
+        if now - listened <= self._heard_at:
+            return False  # it gave a sign of life meanwhile
+        self._is_settled = False
         self._streak += 1
         self._listened += listened
-        if self._streak != SILENCE:
-            return False
-        flaps, self._silent_at = self.flaps(now), now
-        if not flaps:
-            return False
-        self.offline = True
-        self.probe_at = now + self._listened * max(1, flapping) / SHARE
-        return True
+        self._flapping = flapping
+        self._longest = longest_silence(max(loss, share_lost(*self.loss.counts, loss)))
+        return self._streak > self._longest
 
     def missed(self, now: float, limit: int) -> bool:
-        """A request ended without an answer. True if the unit is offline from now on, after `limit` in a row."""
-        self._misses += 1
-        if self.offline or self._misses < limit:
+        """A request ended without an answer. True if the unit is offline from now on: for that, `limit` in a row must
+        have ended so at least."""
+        self._requests += 1
+        if self.offline or self._requests < limit or self._streak <= self._longest:
             return False
+        flaps, self._silent_at = self.flaps(now), now
         self.offline = True
-        self.probe_at = now
+        self.probe_at = now + (self._listened * max(1, self._flapping) / SHARE if flaps else 0.0)
+        self.probed_at = now
         return True

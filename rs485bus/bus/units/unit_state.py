@@ -10,11 +10,14 @@ from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.motion import NEVER
-from rs485bus.bus.units.reachability import ProbeBudget, Reachability
+from rs485bus.bus.units.probing import IDLE_EVERY, IDLE_SHARE, AnsweredRequests, ProbeBudget
+from rs485bus.bus.units.reachability import Reachability
 from rs485bus.bus.watchdog.armed import Ledger
+from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.exceptions import Meaning, exception
-from rs485bus.wire.frames import Request, read_holding
+from rs485bus.wire.frames import Request
 
 
 class UnitState:
@@ -22,12 +25,12 @@ class UnitState:
 
     __slots__ = (
         "address",
+        "answers",
         "attached",
         "former",
         "halt",
         "is_stops_only",
         "lapsed",
-        "last_read",
         "late",
         "late_reply_window",
         "ledger",
@@ -50,13 +53,13 @@ class UnitState:
         self.pause = 0.0
         """Seconds of quiet on the pair before a request to it, where it wants more than the others."""
         self.probe: Request | Literal[False] | None = None
-        """What it may be asked while it owes a reply; False for nothing, None where nobody has said."""
+        """The read that it may be asked to see whether it answers; False for none, None where nobody has said."""
         self.attached: DeviceAdapter | None = None
         self.late = PendingReplies(in_order)
         self.reach = Reachability()
         self.halt: Halt | None = None
         """The stop that is not confirmed yet."""
-        self.last_read: Request | None = None
+        self.answers = AnsweredRequests()
         self.is_stops_only = False
         """Nothing but stops until it stands: neither polled nor fed."""
         self.silent_until = NEVER
@@ -101,11 +104,23 @@ class UnitState:
         known = not request.writes or (self.attached is not None and self.attached.does_nothing(request, code))
         return Meaning.REFUSED if known else Meaning.OPEN
 
-    def harmless_read(self) -> Request:
-        """A read to see whether anybody answers: the device's own, or the last one it was asked."""
+    def may_never_answer(self, request: Request) -> bool:
+        """Whether it has answered other reads, and this request not: so that its silence proves nothing."""
+        if request in self.answers:
+            return False
         if self.attached is not None:
-            return self.attached.reads()[0]
-        return self.last_read or read_holding(self.address, 0, 1)
+            return request not in self.attached.reads()
+        return self.answers.latest is not None
+
+    def harmless_read(self) -> Request:
+        """What to ask to see whether anybody answers: what is known to be answered; if it is lost, by turns another."""
+        if self.probe is False:
+            return diagnostic(self.address, Diagnostic.QUERY_DATA)
+        if self.probe is not None:
+            return self.probe
+        if self.answers.latest is not None and not self.reach.offline:
+            return self.answers.latest
+        return self.answers.next_probe(self.address, () if self.attached is None else self.attached.reads())
 
 
 class UnitStates:
@@ -117,14 +132,19 @@ class UnitStates:
         late_reply_window: seconds an unanswered request may still be answered after that.
     """
 
-    __slots__ = ("_args", "_by_address", "_lost", "_owing", "listening")
+    __slots__ = ("_args", "_by_address", "_doubted", "_idling", "_in_passing", "_lost", "_owing", "listening")
 
     def __init__(self, in_order: bool, reply_timeout: float, late_reply_window: float) -> None:
         self._args = (in_order, reply_timeout, late_reply_window)
         self._by_address: dict[int, UnitState] = {}
         self._owing: set[UnitState] = set()
         self._lost: set[UnitState] = set()
+        self._doubted: set[UnitState] = set()
+        """Those that left something unanswered that they may never answer."""
         self.listening = ProbeBudget()
+        self._idling = ProbeBudget(IDLE_SHARE, 0.0)
+        self._in_passing: UnitState | None = None
+        """The unit that is looked for only because nothing else waits for the pair."""
 
     def __getitem__(self, address: int) -> UnitState:
         unit = self._by_address.get(address)
@@ -149,37 +169,77 @@ class UnitStates:
         unit.late.unanswered(job, deadline + unit.late_reply_window)
         self._owing.add(unit)
 
-    def answered(self, unit: UnitState) -> None:
-        """The unit answered: it is not offline."""
+    def answered(self, unit: UnitState, request: Request) -> None:
+        """The unit answered a request: it is not offline."""
+        if request is not unit.answers.latest:
+            unit.answers.add(request)
         if unit.reach.answered():
+            self._lost.discard(unit)
+        if self._doubted:
+            self._doubted.discard(unit)
+
+    def heard(self, unit: UnitState, now: float) -> None:
+        """The unit gave a sign of life that answers nothing that is waited for."""
+        if unit.reach.heard(now):
             self._lost.discard(unit)
 
     def unanswered(self, unit: UnitState, job: Job, now: float) -> None:
         """The job's latest attempt was not answered in its time."""
-        listened = now - job.sent_at
+        listened, request = now - job.sent_at, job.request
+        if not (request.writes or job.internal):
+            unit.answers.unanswered = request
         if unit.reach.offline:
-            self.listening.spend(listened, now)
-            return
-        flapping = sum(other.reach.flaps(now) for other in self._by_address.values())
-        if unit.reach.unanswered(now, listened, flapping):
-            self._lost.add(unit)
+            self._idling.spend(listened, now)
+            if unit is not self._in_passing:
+                self.listening.spend(listened, now)
+            self._in_passing = None
+        elif unit.may_never_answer(request):
+            unit.reach.doubted(now, listened)
+            if unit.reach.in_doubt:
+                self._doubted.add(unit)
+        else:
+            flapping = sum(other.reach.flaps(now) for other in self._by_address.values())
+            unit.reach.unanswered(now, listened, flapping, self._share_lost())
 
     def missed(self, unit: UnitState, now: float, limit: int) -> None:
         """A request to the unit ended without an answer."""
         if unit.reach.missed(now, limit):
             self._lost.add(unit)
+            self._doubted.discard(unit)
 
-    def to_probe(self, now: float) -> UnitState | None:
-        """The offline unit to look for now; None while there is none, or no time to spend on it."""
-        if self.to_probe_at(now) > now:
+    def to_probe(self, now: float, *, idle: bool = False) -> UnitState | None:
+        """The unit to look for now; None while there is none, or no time to spend on it.
+
+        `idle`: nothing else waits for the pair.
+        """
+        if self.to_probe_at(now, idle=idle) > now:
             return None
-        unit = min(self._lost, key=lambda unit: unit.reach.probe_at)
+        if self._doubted:
+            unit = self._doubted.pop()
+            unit.reach.asked_for_what_it_answers()
+            return unit
         # Whoever was looked for goes behind the others.
-        unit.reach.probe_at = now
+        if self.to_probe_at(now) > now:
+            unit = self._in_passing = min(self._lost, key=lambda unit: unit.reach.probed_at)
+        else:
+            unit, self._in_passing = min(self._lost, key=lambda unit: unit.reach.probe_at), None
+            unit.reach.probe_at = now
+        unit.reach.probed_at = now
         return unit
 
-    def to_probe_at(self, now: float) -> float:
-        """When to look for an offline unit."""
+    def to_probe_at(self, now: float, *, idle: bool = False) -> float:
+        """When to look for a unit."""
+        if self._doubted:
+            return now
         if not self._lost:
             return float("inf")
-        return max(self.listening.free_at(now), min(unit.reach.probe_at for unit in self._lost))
+        busy_at = max(self.listening.free_at(now), min(unit.reach.probe_at for unit in self._lost))
+        if not idle:
+            return busy_at
+        oldest = min(unit.reach.probed_at for unit in self._lost)
+        return min(busy_at, max(self._idling.free_at(now), oldest + IDLE_EVERY))
+
+    def _share_lost(self) -> float:
+        """What the line loses, by what all units were asked of late."""
+        counts = [unit.reach.loss.counts for unit in self._by_address.values()]
+        return share_lost(sum(lost for lost, _ in counts), sum(answered for _, answered in counts))

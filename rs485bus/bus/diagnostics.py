@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Unpack
 
+from rs485bus.arguments import choice
 from rs485bus.bus.functions import RequestOptions
 from rs485bus.wire import diagnostics
 from rs485bus.wire.diagnostics import DeviceInformation, Diagnostic, EventCounter, EventLog, ReadCode
@@ -50,15 +51,16 @@ class DiagnosticFunctions(ABC):
             object_id: where to begin, 0..255.
             options: as for every request; `timeout` is for all of them.
         """
+        code = choice("read_code", read_code, ReadCode)
         next_options = self.share_time(options)
         conformity, follows, objects = 0, object_id, dict[int, bytes]()
         while True:
-            request = diagnostics.identification(self.address, ReadCode(read_code), follows, highest=self.highest)
+            request = diagnostics.identification(self.address, code, follows, highest=self.highest)
             part = diagnostics.identified(await self.ask(request, next_options()))
             conformity = part.conformity
             objects |= part.objects
             # A device that names no later object would be asked for ever.
-            if part.follows is None or part.follows <= follows or read_code == ReadCode.SPECIFIC:
+            if part.follows is None or part.follows <= follows or code is ReadCode.SPECIFIC:
                 return DeviceInformation(conformity, objects)
             follows = part.follows
 

@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeVar
 
 from rs485bus.arguments import instance, whole
 from rs485bus.bus.functions import DataFunctions, RequestOptions
+from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.errors import DeviceRefused
 from rs485bus.wire.combining import Span, spans, words_of
 from rs485bus.wire.registers import Register
@@ -26,18 +27,18 @@ class TypedValues:
     Args:
         unit: the unit.
         share_time: as for `DiagnosticFunctions`.
-        combines: whether the device may be asked for several registers of its table at once.
+        attached: what is known of the device; None where it is any.
     """
 
     def __init__(
         self,
         unit: DataFunctions,
         share_time: Callable[[RequestOptions], Callable[[], RequestOptions]],
-        combines: Callable[[], bool],
+        attached: Callable[[], DeviceAdapter | None],
     ) -> None:
         self._unit = unit
         self._share_time = share_time
-        self._combines = combines
+        self._attached = attached
         self._refused: set[tuple[int, int, int]] = set()
 
     async def read(
@@ -49,10 +50,12 @@ class TypedValues:
         for register in registers:
             _check(register, "w", "read")
         whole("gap", gap, 0, 124)
-        together = self._combines() if combine is None else combine
+        attached = self._attached()
+        together = (attached is None or attached.combines_reads) if combine is None else combine
+        only = None if attached is None else attached.read_function
         next_options = self._share_time(options)
         found: dict[int, Any] = {}
-        for span in spans(registers, combine=together, gap=gap):
+        for span in spans(registers, combine=together, gap=gap, function=only):
             for part in span.apart() if span[:3] in self._refused else [span]:
                 found |= await self._read(part, next_options)
         return [found[place] for place in range(len(registers))]

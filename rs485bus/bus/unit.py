@@ -12,8 +12,9 @@ from rs485bus.bus.functions import DataFunctions, ReadBack, RequestOptions
 from rs485bus.bus.protocol import BusProtocol
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.typed import TypedValues
+from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.errors import LimitExceeded
-from rs485bus.wire import convert
+from rs485bus.wire import convert, functions
 from rs485bus.wire.combining import spans
 from rs485bus.wire.frames import (
     BROADCAST,
@@ -65,7 +66,7 @@ class Unit(DataFunctions, DiagnosticFunctions):
         self._bus = bus
         self.highest = HIGHEST_ADDRESS if flag("allow_reserved_address", allow_reserved_address) else MAX_ADDRESS
         self.address = unit_address(address, highest=self.highest)
-        self._typed = TypedValues(self, self.share_time, self._may_combine)
+        self._typed = TypedValues(self, self.share_time, self._attached)
 
     def __repr__(self) -> str:
         return f"<unit {self.address}>"
@@ -209,6 +210,8 @@ class Unit(DataFunctions, DiagnosticFunctions):
         self, reply_timeout: float | None, pause: float | None, probe: Register[Any] | Literal[False] | None
     ) -> None:
         """Change what holds for all requests to it: see `bus.unit`."""
+        if reply_timeout is None and pause is None and probe is None:
+            return  # nobody has spoken to it yet: it is no unit that might be there
         state = self._bus.owner.units[self.address]
         waits = state.reply_timeout if reply_timeout is None else reply_time(reply_timeout)
         quiet = state.pause if pause is None else quiet_time(pause)
@@ -235,9 +238,8 @@ class Unit(DataFunctions, DiagnosticFunctions):
 
         return rest
 
-    def _may_combine(self) -> bool:
-        attached = self._bus.owner.units[self.address].attached
-        return attached is None or attached.combines_reads
+    def _attached(self) -> DeviceAdapter | None:
+        return self._bus.owner.units[self.address].attached
 
 
 def reply_time(seconds: float) -> float:
@@ -281,6 +283,23 @@ class Broadcast:
     async def write_registers(self, address: int, values: Sequence[int], *, family: str | None = None) -> None:
         """Write 1..123 `values` from `address` on, function 16. As `write_register` otherwise."""
         await self._send(write_multiple(BROADCAST, address, values), family)
+
+    async def write_coil(self, address: int, value: bool, *, family: str | None = None) -> None:
+        """Set or clear the coil at `address` of every device, function 05. As `write_register` otherwise."""
+        await self._send(functions.write_coil(BROADCAST, address, value), family)
+
+    async def write_coils(self, address: int, values: Sequence[bool], *, family: str | None = None) -> None:
+        """Set or clear 1..1968 coils from `address` on, function 15. As `write_register` otherwise."""
+        await self._send(functions.write_coils(BROADCAST, address, values), family)
+
+    async def mask_write_register(
+        self, address: int, and_mask: int = 0xFFFF, or_mask: int = 0, *, family: str | None = None
+    ) -> None:
+        """Set and clear bits of the register at `address` of every device, function 22, as `Unit` does.
+
+        As `write_register` otherwise.
+        """
+        await self._send(functions.mask_write(BROADCAST, address, and_mask, or_mask), family)
 
     async def _send(self, request: Request, family: str | None) -> None:
         await self._bus.ask(request, repeat=Repeat.NEVER, family=family)

@@ -32,16 +32,18 @@ class Span(NamedTuple):
 
     def apart(self) -> list[Span]:
         """Each value by itself."""
-        return [_alone(place, register) for place, register in self.members]
+        return [_alone(place, register, self.function) for place, register in self.members]
 
 
-def spans(registers: Sequence[Register[Any]], *, combine: bool, gap: int = 0) -> list[Span]:
+def spans(
+    registers: Sequence[Register[Any]], *, combine: bool, gap: int = 0, function: int | None = None
+) -> list[Span]:
     """The fewest requests that read some registers.
 
     A value is never split. Values are read together where they touch, overlap, or leave no more than `gap` registers
-    between them; nothing is with `combine` False.
+    between them; nothing is with `combine` False. `function` is the only one that the device reads by, if it has one.
     """
-    alone = [_alone(place, register) for place, register in enumerate(registers)]
+    alone = [_alone(place, register, function) for place, register in enumerate(registers)]
     if not combine:
         return alone
     joined: list[Span] = []
@@ -66,8 +68,8 @@ def words_of(register: Register[Any], value: Any) -> list[int]:
     return [int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data), 2)]
 
 
-def _alone(place: int, register: Register[Any]) -> Span:
-    return Span(register.function, register.address, register.count, ((place, register),))
+def _alone(place: int, register: Register[Any], function: int | None = None) -> Span:
+    return Span(function or register.function, register.address, register.count, ((place, register),))
 
 
 def _value(register: Register[Any], data: bytes) -> Any:

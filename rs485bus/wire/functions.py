@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from rs485bus.arguments import flag, whole
 from rs485bus.wire.answers import (
@@ -25,6 +25,8 @@ from rs485bus.wire.answers import (
     counted,
 )
 from rs485bus.wire.frames import MAX_ADDRESS, MAX_READ, Request, public, window, words
+
+T = TypeVar("T")
 
 MAX_READ_BITS, MAX_WRITE_BITS = 2000, 1968
 """How many coils one frame can read or write (6.1, 6.11)."""
@@ -142,7 +144,7 @@ def read_files(address: int, records: Sequence[tuple[int, int, int]], *, highest
         struct.pack(
             ">BHHH", _REFERENCE_TYPE, *_place(file, record), whole("record length", length, 1, _MAX_RECORDS_READ)
         )
-        for file, record, length in records
+        for file, record, length in _triples(records, "[(file, record, length)]")
     ]
     sizes = [2 + 2 * int.from_bytes(group[5:], "big") for group in groups]
     _check_size("reply", sum(sizes), MAX_FILE_REPLY)
@@ -168,11 +170,18 @@ def write_files(
 ) -> Request:
     """Write registers of one or more files, function 21."""
     data = b""
-    for file, record, values in records:
+    for file, record, values in _triples(records, "[(file, record, values)]"):
         numbers = words(values, _MAX_RECORDS_WRITTEN)
         data += struct.pack(">BHHH", _REFERENCE_TYPE, *_place(file, record), len(numbers)) + _packed(numbers)
     _check_size("request", len(data), _MAX_FILE_WRITE)
     return public(address, WRITE_FILE, bytes((len(data),)) + data, highest=highest)
+
+
+def _triples(records: Sequence[tuple[int, int, T]], example: str) -> list[tuple[int, int, T]]:
+    try:
+        return [(file, record, last) for file, record, last in records]
+    except (TypeError, ValueError):
+        raise TypeError(f"records must be made like {example}, not {records!r}") from None
 
 
 def _place(file: int, record: int) -> tuple[int, int]:

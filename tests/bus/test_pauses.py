@@ -221,6 +221,13 @@ async def test_what_a_unit_is_set_to_stays_until_it_is_changed() -> None:
 
 
 @virtual
+async def test_a_unit_that_is_only_named_is_none_that_might_hear_a_broadcast() -> None:
+    async with open_bus(both()) as bus:
+        bus.unit(9)
+        assert 9 not in [unit.address for unit in bus.owner.units]
+
+
+@virtual
 async def test_a_slow_unit_is_waited_for_as_long_as_it_takes() -> None:
     class Slow(SimUnit):
         turnaround = 0.9

@@ -72,7 +72,7 @@ async def test_a_drive_whose_addresses_are_command_codes_is_asked_for_each_value
     async with open_bus(VirtualLine(sim := SimMks(1))) as bus:
         MksServo(bus, 1)
         speed: Register[int] = Register("speed", I16, "rpm", address=0x32, function=4)
-        pulses: Register[int] = Register("pulses", I32, address=0x33, function=4)
+        pulses: Register[int] = Register("pulses", I32, address=0x33)  # the family knows by which function
         assert await bus.unit(1).read(speed, pulses) == (0, 0)
         assert [record.request[2:6].hex() for record in bus.flight[-2:]] == ["00320001", "00330002"]
         assert sim.address == 1

@@ -203,7 +203,7 @@ REFUSED: list[tuple[Callable[[Unit], Coroutine[Any, Any, Any]], str]] = [
     (lambda unit: unit.read_file_record([(1, 0, 200)]), "length 200 is outside"),
     (lambda unit: unit.diag_query_data(b""), "0 data bytes in one query"),
     (lambda unit: unit.diag_change_ascii_input_delimeter(300), r"delimiter 300 is outside 0\.\.255"),
-    (lambda unit: unit.read_device_information(9), "9 is not a valid ReadCode|read_code 9 is none"),
+    (lambda unit: unit.read_device_information(9), "read_code 9 is none of BASIC"),
     (lambda unit: unit.request(128, reply=1), r"function 128 is outside 1\.\.127"),
     (lambda unit: unit.request(65, reply="all"), "reply must be a number of bytes, 'counted', 'echo'"),  # type: ignore[arg-type]
     (lambda unit: unit.request(65, reply=253), r"reply 253 is outside 0\.\.252"),
@@ -262,3 +262,14 @@ async def test_functions_reach_a_device_beside_a_moving_axis_on_a_bad_line() -> 
             wrong += await unit.read_file_record([(4, 1, 2)]) != [[0x0DFE, 0x20]]
         assert not wrong
         assert await move == pytest.approx(20.0, abs=0.01)
+
+
+@virtual
+async def test_coils_and_masks_are_written_to_everybody_at_once() -> None:
+    async with open_bus(VirtualLine(one := device(7), other := device(8))) as bus:
+        await bus.broadcast.write_coil(1, True)
+        await bus.broadcast.write_coils(4, [True, True])
+        await bus.broadcast.mask_write_register(4, 0, 7)
+        for sim in (one, other):
+            assert [sim.data.coils[at] for at in (1, 4, 5)] == [True, True, True]
+            assert sim.data.registers[4] == 7

@@ -39,6 +39,9 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: functions.read_files(1, [(1, 0, 61), (1, 0, 60)]), "the reply would hold 246 bytes of records; 245 fit"),
     (lambda: functions.read_files(1, [(1, 0, 1)] * 36), "the request would hold 252 bytes"),
     (lambda: functions.write_files(1, []), "name the records"),
+    (lambda: functions.read_files(1, [(1, 2)]), r"records must be made like \[\(file, record, length\)\]"),  # type: ignore[list-item]
+    (lambda: functions.read_files(1, 5), r"records must be made like .*, not 5"),  # type: ignore[arg-type]
+    (lambda: functions.write_files(1, [1]), r"records must be made like \[\(file, record, values\)\]"),  # type: ignore[list-item]
     (lambda: functions.write_files(1, [(1, 0, [1] * 123)]), "123 registers in one write"),
     (lambda: functions.write_files(1, [(1, 0, [1] * 61), (1, 0, [1] * 58)]), "the request would hold 252 bytes"),
     (lambda: diagnostics.diagnostic(1, 5), "subfunction 5 is none of QUERY_DATA"),  # type: ignore[arg-type]

@@ -82,6 +82,8 @@ class DeviceAdapter(ABC):
     start_grace: float = 0.05
     """Seconds after a frame that moves it, within which it may report that it stands and yet start."""
     watchdog: WatchdogRegister | None = None
+    read_function: int | None = None
+    """The only function that reads its registers, if it has but one."""
     combines_reads: bool = True
     """Whether neighbouring registers may be read with one request."""
     longest: int = 51

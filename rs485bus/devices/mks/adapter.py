@@ -9,7 +9,7 @@ from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.devices.mks.values import Status
-from rs485bus.wire.frames import BROADCAST, WRITE_MULTIPLE, WRITE_SINGLE, Request, payload
+from rs485bus.wire.frames import BROADCAST, READ_INPUT, WRITE_MULTIPLE, WRITE_SINGLE, Request, payload
 
 FAMILY = "MKS"
 LATE_REPLY_WINDOW = 0.7
@@ -64,6 +64,7 @@ class MksAttached(DeviceAdapter):
     family = FAMILY
     longest = _LONGEST
     late_reply_window = LATE_REPLY_WINDOW
+    read_function = READ_INPUT  # and no other
     combines_reads = False  # addresses are command codes (MKS RTU V1.0.9, 4)
 
     def __init__(

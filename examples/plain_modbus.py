@@ -11,12 +11,18 @@ from rs485bus import Repeat, Urgency, open_bus
 from rs485bus.compat import BusClient
 from rs485bus.errors import DeviceRefused
 from rs485bus.sim import SimUnit, VirtualLine
+from rs485bus.wire.registers import I16, U16, Register
+
+TEMPERATURE: Register[float] = Register("temperature", I16, "°C", step=0.1, address=4)
+HUMIDITY: Register[float] = Register("humidity", U16, "%", step=0.1, address=5)
 
 
 async def main(port: str | VirtualLine, baudrate: int, address: int) -> None:
     async with open_bus(port, baudrate=baudrate) as bus:
         sensor = bus.unit(address)
         print("registers 0..3:", await sensor.read_holding_registers(0, 4, urgency=Urgency.POLL))
+        # Values of a table come in their own unit, and neighbours with one request.
+        print("temperature and humidity:", await sensor.read(TEMPERATURE, HUMIDITY))
         # A write goes out once, unless it is said that it may be repeated.
         await sensor.write_register(2, 1234, repeat=Repeat.SAFE)
         try:

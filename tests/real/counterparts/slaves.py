@@ -36,7 +36,7 @@ class Slave:
     command: Callable[[Path, str], list[str]]
     """How to start it, from a folder for what is built, and where it is to be reached."""
     way: str
-    """"serial", "rtu over tcp", "tcp", "socat", "ser2net"."""
+    """"serial", "rtu over tcp", "tcp", "socat", "ser2net", "rfc2217" (by ser2net)."""
 
 
 def _pymodbus(kind: str) -> Callable[[Path, str], list[str]]:
@@ -59,6 +59,7 @@ SLAVES = {
     "libmodbus-tcp": Slave(OF_LIBMODBUS, _libmodbus("tcp"), "tcp"),
     "socat-libmodbus": Slave(OF_LIBMODBUS, _libmodbus(), "socat"),
     "ser2net-libmodbus": Slave(OF_LIBMODBUS, _libmodbus(), "ser2net"),
+    "ser2net-rfc2217-libmodbus": Slave(OF_LIBMODBUS, _libmodbus(), "rfc2217"),
     "modbus-serial": Slave(OF_MODBUS_SERIAL, _modbus_serial("serial"), "serial"),
     "modbus-serial-tcp": Slave(OF_MODBUS_SERIAL, _modbus_serial("tcp"), "tcp"),
 }
@@ -98,9 +99,9 @@ async def reached(slave: Slave, folder: Path) -> AsyncIterator[tuple[str, Runnin
         program = Running(slave.command(folder, where))
         await program.start()
         stack.push_async_callback(program.stop)
-        if slave.way in ("socat", "ser2net"):
+        if slave.way in ("socat", "ser2net", "rfc2217"):
             number = free_port()
-            url = f"socket://127.0.0.1:{number}"
+            url = f"{'rfc2217' if slave.way == 'rfc2217' else 'socket'}://127.0.0.1:{number}"
             await stack.enter_async_context(running(*_gateway(slave.way, number, ours, folder)))
             await asyncio.sleep(0.5)
         yield url, program
@@ -110,8 +111,9 @@ def _gateway(way: str, number: int, port: str, folder: Path) -> list[str]:
     if way == "socat":
         return ["socat", f"tcp-listen:{number},bind=127.0.0.1,reuseaddr,fork", f"{port},rawer,b115200"]
     config = folder / "ser2net.yaml"
+    accepter = "telnet(rfc2217),tcp" if way == "rfc2217" else "tcp"
     config.write_text(
-        f"connection: &c\n  accepter: tcp,127.0.0.1,{number}\n"
+        f"connection: &c\n  accepter: {accepter},127.0.0.1,{number}\n"
         f"  connector: serialdev,{port},115200n81,local\n  options:\n    kickolduser: true\n"
     )
     return ["ser2net", "-n", "-c", str(config)]
@@ -120,9 +122,9 @@ def _gateway(way: str, number: int, port: str, folder: Path) -> list[str]:
 async def _need(slave: Slave, folder: Path) -> None:
     """Build what must be built. Raises `Missing`."""
     program = slave.command(folder, "")[0]
-    if slave.way in ("serial", "socat", "ser2net") and shutil.which("socat") is None:
+    if slave.way not in ("tcp", "rtu over tcp") and shutil.which("socat") is None:
         raise Missing("socat is missing: sudo apt-get install socat")
-    if slave.way == "ser2net" and shutil.which("ser2net") is None:
+    if slave.way in ("ser2net", "rfc2217") and shutil.which("ser2net") is None:
         raise Missing("ser2net is missing: sudo apt-get install ser2net")
     if program == "node":
         modules = os.environ.get(FROM_NPM, "")

@@ -59,7 +59,10 @@ def _answer(head: bytes, data: bytes, reply: Reply) -> Answer:
 
 def _sizer(count: Callable[[bytes], int]) -> Sizer:
     def size(reply: bytes) -> int:
-        number = count(reply[2:])
+        try:
+            number = int(count(reply[2:]))
+        except Exception:  # of too few bytes, say
+            return 0
         return 0 if number == 0 else _AROUND + number if 0 < number <= MAX_FRAME - _AROUND else -1
 
     return size

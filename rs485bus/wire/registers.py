@@ -6,6 +6,7 @@ import enum
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final, Generic, Literal, TypeVar, cast
 
 from rs485bus.arguments import choice, real
@@ -121,7 +122,10 @@ class Field(Generic[T]):
         raw = self.number.decode(data)
         if self.into is not None:
             return self.into(cast(int, raw))
-        return cast(T, raw if self.step == 1 else raw * self.step)
+        if self.step == 1:
+            return cast(T, raw)
+        parts = _parts(self.step)
+        return cast(T, raw / parts if parts else raw * self.step)
 
     def raw(self, value: T) -> int:
         """The whole number that stands for `value`, checked against the range."""
@@ -142,7 +146,10 @@ class Field(Generic[T]):
         if not low <= number <= high:
             unit = f" {self.unit}" if self.unit else ""
             raise LimitExceeded(f"{self.name} {value}{unit} is outside {self._range}")
-        return cast(float, number if self.step == 1 else number / self.step)
+        if self.step == 1:
+            return cast(float, number)
+        parts = _parts(self.step)
+        return cast(float, number * parts if parts else number / self.step)
 
     @property
     def _ends(self) -> tuple[float, float]:
@@ -158,6 +165,13 @@ class Field(Generic[T]):
         into = cast(Any, self.into)
         if not issubclass(into, enum.Flag):
             choice(self.name, value, into)
+
+
+@lru_cache(maxsize=256)
+def _parts(step: float) -> int:
+    """How many steps make one, where that is a whole number: 423 steps of 0.1 are then 42.3 and nothing behind it."""
+    parts = round(1 / step) if step else 0
+    return parts if parts and abs(parts * step - 1) < 1e-12 else 0
 
 
 def _swapped(data: bytes) -> bytes:

@@ -67,6 +67,8 @@ ANSWERS: list[tuple[Call, Any]] = [
     (lambda unit: unit.request(4, b"\0\x02\0\x01", reply=3), b"\x02\x03\xea"),
     (lambda unit: unit.request(6, b"\0\x02\0\x01", reply="echo"), b"\0\x02\0\x01"),
     (lambda unit: unit.request(7, reply=lambda data: 1), b"\x6d"),
+    (lambda unit: unit.request(4, b"\0\x02\0\x01", reply=lambda data: 1 + data[0]), b"\x02\x03\xea"),
+    (lambda unit: unit.request(4, b"\0\x02\0\x01", reply=lambda data: 1 + {2: 2}[data[0]]), b"\x02\x03\xea"),
 ]
 
 

@@ -73,6 +73,19 @@ def test_the_range_of_the_number_holds_where_none_is_given() -> None:
         PAIR.encode(0, 2**31)
 
 
+def test_a_decimal_step_leaves_no_digits_behind() -> None:
+    tenths: Register[float] = Register("x", I16, step=0.1, address=1)
+    hundredths: Register[float] = Register("x", U16, step=0.01, address=1)
+    thirds: Register[float] = Register("x", U16, step=2 / 3, address=1)
+    for raw in range(0, 30000, 7):
+        data = raw.to_bytes(2, "big")
+        assert tenths.decode(data) == float(f"{raw // 10}.{raw % 10}")
+        assert hundredths.decode(data) == float(f"{raw // 100}.{raw % 100:02}")
+        assert thirds.decode(data) == raw * 2 / 3 or thirds.decode(data) == pytest.approx(raw * 2 / 3)
+        for register in (tenths, hundredths, thirds):
+            assert register.encode(register.decode(data)) == data
+
+
 def test_scaled_values() -> None:
     assert SCALED.encode(24.5) == (2450).to_bytes(2, "big")
     assert SCALED.decode(b"\x09\x92") == pytest.approx(24.5)

@@ -260,6 +260,14 @@ class Conduct(Travel):
                 if self.bus.now() > move.started_at + _PATIENCE:
                     raise
 
+    async def _is_seen_standing(self) -> bool:
+        await self._grace()
+        look = await self._look(quick=True)
+        if not look.moving and look.at > self.attached.may_start_until(self.motion):
+            self.motion.stands(look.at)
+            return True
+        return False
+
     async def _grace(self) -> None:
         """Wait until what was sent last has set the motor in motion, if it does."""
         await anyio.sleep(max(0.0, self.attached.may_start_until(self.motion) - self.bus.now()))

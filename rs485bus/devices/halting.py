@@ -13,8 +13,9 @@ from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.joint import JointMove
+from rs485bus.devices.move import Move
 from rs485bus.devices.orders import Orders
-from rs485bus.errors import BusClosed, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
+from rs485bus.errors import BusClosed, BusError, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
 
 _log = logging.getLogger("rs485bus")
 
@@ -34,7 +35,9 @@ class Halting(ABC):
         self.attached = attached
         self.motion = motion
         self.name = name
-        self._orders = Orders(bus, name, self._forget_plans, lambda: self._begin_stop(emergency=True))
+        self._orders = Orders(
+            bus, name, self._forget_plans, lambda: self._begin_stop(emergency=True), self._after_failure
+        )
         self._blocked = ""
         """Why it moves only after `enable()`."""
         self._running = False
@@ -47,6 +50,23 @@ class Halting(ABC):
     @abstractmethod
     def _forget_plans(self) -> None:
         """What is queued will not be carried out as it was planned."""
+
+    @abstractmethod
+    async def _is_seen_standing(self) -> bool:
+        """Ask the drive whether the axis stands, once what was sent last would have set it in motion."""
+
+    async def _after_failure(self, handle: Handle[Any]) -> None:
+        """A command has failed. If it was to move the axis, see that it stands, or stop it: a drive that refuses a
+        command may have begun it, and what it did before it goes on doing."""
+        if not isinstance(handle, Move) or not self.motion.may_move or self._is_being_stopped():
+            return
+        self._stumble()
+        try:
+            standing = await self._is_seen_standing()
+        except BusError:
+            standing = False
+        if not standing:
+            self.stop_if_moving()
 
     def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
         """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
@@ -115,10 +135,12 @@ class Halting(ABC):
 
     def stop_if_moving(self) -> None:
         """Stop it, where it may move and is not being stopped already."""
-        halt = self.bus.owner.units[self.attached.address].halt
-        stopping = halt is not None and halt.motion in (self.motion, self.attached.motion)
-        if self.motion.may_move and self.bus.connected and not stopping:
+        if self.motion.may_move and self.bus.connected and not self._is_being_stopped():
             self._begin_stop(emergency=False)
+
+    def _is_being_stopped(self) -> bool:
+        halt = self.bus.owner.units[self.attached.address].halt
+        return halt is not None and halt.motion in (self.motion, self.attached.motion)
 
     async def _block(self, why: str) -> None:
         """It is not known what the axis does: stop it, and let it move only after `enable()`."""

@@ -27,13 +27,22 @@ class Orders:
         name: the axis, in messages.
         upset: told when what is queued is not carried out as it was planned.
         stop: stops the axis; called when a command ends in an error that nobody foresaw.
+        make_safe: has the axis seen standing, or stopped, after a command that has failed; it is given that.
     """
 
-    def __init__(self, bus: Bus, name: str, upset: Callable[[], None], stop: Callable[[], object]) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        name: str,
+        upset: Callable[[], None],
+        stop: Callable[[], object],
+        make_safe: Callable[[Handle[Any]], Awaitable[None]],
+    ) -> None:
         self._bus = bus
         self._name = name
         self._upset = upset
         self._stop = stop
+        self._make_safe = make_safe
         self._waiting: deque[tuple[Handle[Any], Callable[[], Awaitable[Any]]]] = deque()
         self._current: Handle[Any] | None = None
         self._worker: asyncio.Task[None] | None = None
@@ -124,6 +133,8 @@ class Orders:
                 try:
                     result = await carry_out()
                 except Exception as error:
+                    if isinstance(error, BusError):
+                        await self._make_safe(handle)
                     self._current = None
                     self._failed = handle
                     handle.fail(error)

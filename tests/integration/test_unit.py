@@ -275,3 +275,27 @@ async def test_coils_and_masks_are_written_to_everybody_at_once() -> None:
         for sim in (one, other):
             assert [sim.data.coils[at] for at in (1, 4, 5)] == [True, True, True]
             assert sim.data.registers[4] == 7
+
+
+@pytest.mark.parametrize(
+    ("call", "change", "fresh"),
+    [
+        (lambda unit: unit.read_fifo_queue(30), lambda data: data.queues.update({30: [1, 2]}), [1, 2]),
+        (lambda unit: unit.read_coils(0, 2), lambda data: data.coils.update({0: False, 1: True}), [False, True]),
+        (lambda unit: unit.read_file_record([(4, 1, 1)]), lambda data: data.files[4].update({1: 7}), [[7]]),
+        (lambda unit: unit.read_exception_status(), lambda data: setattr(data, "exception_status", 5), 5),
+        (lambda unit: unit.report_device_id(), lambda data: setattr(data, "server_id", b"NEWER IT"), b"NEWER IT"),
+        (lambda unit: unit.request(7, reply=1, writes=False), lambda data: setattr(data, "exception_status", 5), b"\5"),
+    ],
+)
+@virtual
+async def test_a_late_reply_of_any_function_is_taken_for_no_other(call: Call, change: Any, fresh: Any) -> None:
+    config = BusConfig(reply_timeout=0.05, retries=0, echo=False)
+    async with open_bus(VirtualLine(sim := device()), config=config) as bus:
+        sim.turnaround = 0.3
+        with pytest.raises(NoReply):
+            await call(bus.unit(7))
+        change(sim.data)
+        sim.turnaround = None
+        assert await call(bus.unit(7)) == fresh
+        assert bus.stats.units[7].late_replies == 1

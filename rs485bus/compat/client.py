@@ -89,7 +89,7 @@ class BusClient(ModbusClientMixin[Awaitable[ModbusPDU]]):
             raise ConnectionException(f"Not connected[{self}]: connect() it again")
         return await exchange(
             self._bus,
-            self.ctx.framer.decoder,
+            self.ctx,
             request,
             no_response_expected=no_response_expected,
             allow_reserved_address=self._allow_reserved_address,

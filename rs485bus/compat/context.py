@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -41,6 +42,7 @@ class BusContext:
     """
 
     is_server = False
+    is_closing = False
 
     def __init__(self, bus: Bus, execute: Callable[[bool, ModbusPDU], Any], *, is_sync: bool = False) -> None:
         self._bus = bus
@@ -53,7 +55,21 @@ class BusContext:
         self.retries = bus.config.retries
         self.max_until_disconnect = self.retries + _USUAL_RETRIES
         self.next_tid = 0
+        self.unique_id = str(id(self))
+        self.trace_packet: Callable[[bool, bytes], bytes] = lambda sending, data: data
+        """Told of every frame sent (True) and received. What it returns makes no difference here."""
+        self.trace_pdu: Callable[[bool, ModbusPDU], ModbusPDU] = lambda sending, pdu: pdu
+        """Told of every PDU sent (True) and received. What it returns makes no difference here."""
         self.reconnect_delay_current = 0.0
+
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop:
+        """The event loop that the bus lives in."""
+        return self._bus.loop
+
+    def getNextTID(self) -> int:  # noqa: N802 # pymodbus' name
+        """0: RTU has no transaction numbers."""
+        return self.next_tid
 
     @property
     def transport(self) -> object | None:
@@ -84,6 +100,11 @@ class BusContext:
 
     def reset_delay(self) -> None:
         """Nothing: the bus opens its port anew by itself."""
+
+    def sync_execute(self, no_response_expected: bool, request: ModbusPDU) -> ModbusPDU:
+        """Send a request, as a synchronous client does."""
+        made: ModbusPDU = self._execute(no_response_expected, request)
+        return made
 
     def execute(self, no_response_expected: bool, request: ModbusPDU) -> Awaitable[ModbusPDU]:
         """Send a request, as the client does."""

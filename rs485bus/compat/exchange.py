@@ -9,6 +9,7 @@ from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.file_message import ReadFifoQueueResponse
 
 from rs485bus.bus.bus import Bus
+from rs485bus.compat.context import BusContext
 from rs485bus.errors import BroadcastConflict, BusClosed, DeviceRefused, LimitExceeded, RequestFailed
 from rs485bus.wire.frames import HIGHEST_ADDRESS, MAX_ADDRESS, Request, from_pdu
 from rs485bus.wire.functions import fifo
@@ -40,7 +41,7 @@ UNSAYABLE = (ValueError, TypeError, OverflowError, AttributeError, struct.error)
 
 async def exchange(
     bus: Bus,
-    decoder: DecodePDU,
+    context: BusContext,
     request: ModbusPDU,
     *,
     no_response_expected: bool = False,
@@ -51,7 +52,7 @@ async def exchange(
 
     Args:
         bus: the bus.
-        decoder: makes PDUs of replies; it knows what was registered.
+        context: knows what was registered, and who traces.
         request: what to send.
         no_response_expected: nobody is told that it was not answered.
         allow_reserved_address: 248..255 are addresses, too.
@@ -60,7 +61,10 @@ async def exchange(
     Raises:
         ModbusException: as pymodbus raises it; the classes say more.
     """
+    decoder = context.framer.decoder
     frame = _frame(decoder, request, HIGHEST_ADDRESS if allow_reserved_address else MAX_ADDRESS)
+    context.trace_pdu(True, request)
+    context.trace_packet(True, frame.adu)
     repeat = Repeat.NEVER if frame.writes else Repeat.SAFE
     try:
         reply = await bus.ask(frame, repeat=repeat, moves=frame.writes, reply_timeout=reply_timeout)
@@ -76,7 +80,12 @@ async def exchange(
         if error.code is not None:  # the frame that came, as pymodbus gives it
             return ExceptionResponse(request.function_code, error.code, device_id=request.dev_id)
         raise ModbusIOException(str(error), request.function_code) from error
-    return _decoded(decoder, request, reply) if reply else request
+    if not reply:
+        return request
+    context.trace_packet(False, reply)
+    decoded = _decoded(decoder, request, reply)
+    context.trace_pdu(False, decoded)
+    return decoded
 
 
 def _frame(decoder: DecodePDU, request: ModbusPDU, highest: int) -> Request:

@@ -54,6 +54,10 @@ class SyncBusClient(ModbusClientMixin[ModbusPDU]):
         self.ctx = self.transaction = BusContext(bus, self.execute, is_sync=True)
         self.comm_params = self.ctx.comm_params
         self.retries = self.ctx.retries
+        self.use_udp = False
+        self.inter_byte_timeout = bus.owner.pair.line.t15
+        self.silent_interval = bus.owner.pair.silence
+        self.reconnect_delay_current = 0.0
         self.last_frame_end: float | None = 0.0
         """When the latest request was answered, in seconds of `time.time()`."""
 
@@ -96,6 +100,14 @@ class SyncBusClient(ModbusClientMixin[ModbusPDU]):
     ) -> None:
         self.close()
 
+    def send(self, request: bytes, addr: tuple[object, ...] | None = None) -> int:
+        """Refused: bytes past the queue would fall into others' transactions. `execute()` sends any request."""
+        raise NotImplementedError("send() would fall into others' transactions on the bus: execute() sends any request")
+
+    def recv(self, size: int | None) -> bytes:
+        """Refused: what comes in belongs to whoever asked."""
+        raise NotImplementedError("recv() would take others' answers: execute() returns the answer to its request")
+
     def idle_time(self) -> float:
         """Seconds since the latest request was answered."""
         return time.time() - self.last_frame_end if self.last_frame_end else 0.0
@@ -127,7 +139,7 @@ class SyncBusClient(ModbusClientMixin[ModbusPDU]):
         self.connect()  # as pymodbus' synchronous clients do
         asked = exchange(
             self._bus,
-            self.framer.decoder,
+            self.ctx,
             request,
             no_response_expected=no_response_expected,
             allow_reserved_address=self._allow_reserved_address,

@@ -82,6 +82,23 @@ def _request(device_id: int) -> ModbusPDU:
 
 
 @virtual
+async def test_who_traces_is_told_of_each_frame_and_pdu() -> None:
+    async with open_bus(VirtualLine(device())) as bus:
+        client, told = BusClient(bus), []
+        client.ctx.trace_packet = lambda sending, data: told.append((sending, data[:2].hex())) or data  # type: ignore[func-returns-value]
+        client.ctx.trace_pdu = lambda sending, pdu: told.append((sending, type(pdu).__name__)) or pdu  # type: ignore[func-returns-value]
+        await client.read_coils(0, device_id=7)
+        assert told == [
+            (True, "ReadCoilsRequest"),
+            (True, "0701"),
+            (False, "0701"),
+            (False, "ReadCoilsResponse"),
+        ]
+        assert client.ctx.getNextTID() == 0
+        assert client.ctx.loop is bus.loop
+
+
+@virtual
 async def test_a_client_that_was_closed_sends_nothing_until_it_is_connected_and_closes_no_bus() -> None:
     async with open_bus(VirtualLine(device())) as bus:
         client, other = BusClient(bus), BusClient(bus)

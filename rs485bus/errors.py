@@ -115,6 +115,10 @@ class NotSent(RequestFailed):
     """The request never reached the wire: cancelled, flushed, expired, or the bus was closed. Nothing was done."""
 
 
+class LineBusy(NotSent):
+    """The line was never quiet, so that no frame could be sent. The message says what to look for."""
+
+
 class QueueFull(NotSent):
     """Too many requests wait already."""
 

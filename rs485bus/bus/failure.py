@@ -7,11 +7,13 @@ from typing import TypedDict
 
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job, Outcome, Reason
+from rs485bus.bus.schedule.waiting import WHAT_TO_LOOK_FOR
 from rs485bus.errors import (
     BusClosed,
     DeviceOffline,
     DeviceRefused,
     EmergencyStopped,
+    LineBusy,
     NoReply,
     NotSent,
     OutcomeUnknown,
@@ -24,6 +26,10 @@ from rs485bus.wire.frames import Request
 _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
     Reason.CANCELLED: (NotSent, "its caller was cancelled before it could be sent"),
     Reason.EXPIRED: (NotSent, "its time was over before it could be sent. Ask less often, or allow more time"),
+    Reason.LINE_BUSY: (
+        LineBusy,
+        f"the line was never quiet: bytes kept coming that belong to no answer. Look for {WHAT_TO_LOOK_FOR}",
+    ),
     Reason.OWED: (
         NotSent,
         "its time was over while a late reply could still arrive that would have been taken for its answer. Its device "
@@ -33,6 +39,11 @@ _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
         NotSent,
         "its time was over while the axis was being stopped. Await its stop() first; if that is not confirmed, look at "
         "the machine",
+    ),
+    Reason.UNCONFIRMED: (
+        NotSent,
+        "a stop before it was said three times and could not be confirmed. Look at the machine, use the hard-wired "
+        "stop; then await stop() or enable() first",
     ),
     Reason.STOPPED: (NotSent, "the axis was stopped first"),
     Reason.EMERGENCY: (

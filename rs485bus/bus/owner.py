@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.line.serial_line import SerialLine
+from rs485bus.bus.line.serial_line import LOOKS_WAIT, STOP_WAITS, SerialLine
 from rs485bus.bus.line.transaction import Kind, Received
 from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
@@ -21,7 +21,9 @@ from rs485bus.bus.schedule.queue import GONE, READY, Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.scheduler import Scheduler
 from rs485bus.bus.schedule.timers import Timer, Timers
+from rs485bus.bus.schedule.waiting import Waiting
 from rs485bus.bus.stopping.halt import Halt, Procedure
+from rs485bus.bus.stopping.pacing import StopPacing
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.bus.units.probing import listening_time
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
@@ -74,6 +76,7 @@ class Owner:
         self._queue = Queue()
         self._repeating = Repeating(config.retries, self._queue, self._end)
         self.starts = BurstScheduler(self.pair, self._queue, self.gate, self.feeding, self._free_at, self._drop)
+        self._waiting = Waiting(self.pair, self._queue, self.gate, self._drop)
         self._turnaround_until = NEVER
         self._one_way: list[Job] = []
         """Jobs that nobody answers, in their turnaround."""
@@ -112,7 +115,7 @@ class Owner:
         if self.pair.job is None:
             self._wake = min(self._wake, self.pair.quiet_at - self._lead)
         elif job.urgency is Urgency.STOP:
-            self._wake = min(self._wake, self.pair.wait_until(stop_waits=True))
+            self._wake = min(self._wake, self.pair.wait_until(now))
 
     def cancel(self, job: Job, now: float) -> None:
         """The caller has gone. What was not sent never will be; what is on the wire is finished, not repeated."""
@@ -144,6 +147,8 @@ class Owner:
             self._take(received)
         if self.pair.job is None:
             self._wake = min(self._wake, self._look_at())
+        elif self.pair.is_brief:
+            self._wake = min(self._wake, self.pair.wait_until())
 
     def tick(self, now: float, lead: float = 0.0) -> bytes | None:
         """Do what is due; return the next frame to send, if there is one.
@@ -163,14 +168,18 @@ class Owner:
             wake = pair.wait_until(self._stop_waits())
             if now >= wake:
                 self._unanswered("no reply" if now >= pair.deadline else "cut")
+        start = now
         if pair.job is None and self.gate.connected:
             wake = self._look_at()
             if now >= wake:
                 self._wake = FOREVER  # who is told meanwhile that a job was dropped may submit another
                 job, wake = self._choose()
                 wake = min(wake, self._wake)
+                start = max(now, pair.quiet_at)
+            elif pair.is_noisy:
+                job, wake = self._choose_among_noise(wake)
         if job is not None:
-            frame = self._send(job, max(now, pair.quiet_at))
+            frame = self._send(job, start)
             wake = pair.quiet_at if pair.job is None else pair.wait_until(self._stop_waits())
         self._wake = wake
         if self._after_stops and not (self.gate.connected and self._queue.has(Urgency.STOP)):
@@ -181,6 +190,7 @@ class Owner:
         """The port was lost. What is on the wire fails, what moves is dropped; reads wait for the port."""
         self.now = now
         self.gate.connected = False
+        self.at(self._waiting.port_lost(now, self.journal.stats.answers), self._wait_for_port)
         self.pair.exchange.unsettle()
         if self.pair.job is not None:
             self._unanswered("lost")
@@ -194,6 +204,11 @@ class Owner:
             elif unit.attached is not None:
                 unit.attached.motion.stop()
                 unit.attached.interrupted(0.0, "the port was lost")
+
+    def _wait_for_port(self) -> None:
+        again = self._waiting.for_port(self.now)
+        if again:
+            self.at(again, self._wait_for_port)
 
     def plugged(self, now: float) -> None:
         """The port is there again. The first frames are stops, for all that may be moving."""
@@ -226,10 +241,11 @@ class Owner:
         assert attached is not None
         motion.stop()
         if halt is None:
-            halt = unit.halt = Halt(attached, motion, emergency, frames)
-            self.start(halt.run(unit.late, lambda _: self._left_alone(unit)), lambda _: self._stands(unit))
+            halt = unit.halt = Halt(attached, motion, emergency, self.now, frames)
+            pacing = StopPacing(unit, self.feeding, self.pair, self.units.listening)
+            self.start(halt.run(pacing), lambda stands: self._halted(unit, stands))
         else:
-            for request in halt.again(motion, emergency):
+            for request in halt.again(motion, emergency, self.now):
                 self.submit(
                     Job(request, urgency=Urgency.STOP, ignores_late_replies=True, internal=True, retries=0), self.now
                 )
@@ -271,30 +287,24 @@ class Owner:
         for callback in callbacks:
             callback()
 
-    def _stands(self, unit: UnitState) -> None:
-        assert unit.halt is not None
-        unit.halt.motion.stands(self.now)
-        unit.halt = None
+    def _halted(self, unit: UnitState, stands: bool) -> None:
+        halt, unit.halt = unit.halt, None
+        if halt is None or not stands:
+            return
+        halt.motion.stands(self.now)
         unit.is_stops_only = False
         self.feeding.unmute(unit.address)
         if unit.may_be_armed and not unit.guarded:
             self.on_released(unit)
 
-    def _left_alone(self, unit: UnitState) -> float:
-        """Until when a device is left alone that three stops did not bring to a stand."""
-        watch = self.feeding.get(unit.address)
-        if watch is None or not unit.is_stops_only:
-            return self.units.listening.free_at(self.now)
-        # Its own watchdog is the last defence: no frame may feed it.
-        unit.silent_until = self.now + watch.timeout
-        return unit.silent_until
-
     # What goes next
 
-    def _stop_waits(self) -> bool:
-        """Whether a stop waits that could go now if nothing were on the wire."""
-        waits = self._queue.has(Urgency.STOP)
-        return waits and any(self.gate.wait(job, self.now) <= self.now for job in self._queue.heads(Urgency.STOP))
+    def _stop_waits(self) -> float | None:
+        """Since when a stop waits that could go now if nothing were on the wire; None if there is none."""
+        if not self._queue.has(Urgency.STOP):
+            return None
+        stops = self._queue.heads(Urgency.STOP)
+        return min((job.queued_at for job in stops if self.gate.wait(job, self.now) <= self.now), default=None)
 
     def _free_at(self) -> float:
         """From when on the next frame may be handed out, if nothing is out."""
@@ -386,6 +396,18 @@ class Owner:
             self.feeding.starved(self.now)
         return job
 
+    def _choose_among_noise(self, wake: float) -> tuple[Job | None, float]:
+        """The stop, or the look that confirms one, that waits for silence no longer; else when to look again."""
+        self.pair.noise_at = self.now
+        job, again = self._queue.take(self._admit_over_noise, _STOPPING)
+        return job, min(wake, again, self._waiting.for_silence(self.now))
+
+    def _admit_over_noise(self, job: Job) -> float:
+        verdict = self._admit(job)
+        waits = LOOKS_WAIT if job.attempts and job.urgency is Urgency.CONFIRM else STOP_WAITS
+        over = max(job.queued_at + waits, self.pair.through_noise_at)
+        return verdict if verdict != READY or over <= self.now else over
+
     def _admit(self, job: Job) -> float:
         reason = self.gate.refusal(job)
         if reason is not Reason.NONE:
@@ -446,12 +468,14 @@ class Owner:
         unit = self.units[request.address]
         if kind is Kind.LATE_EXCEPTION:
             self.journal.unit(unit.address).late_replies += 1
+            unit.heard_at = self.now
             unit.late.excepted(request.function, frame)
             self._heard_of(unit, frame)
         elif kind is Kind.LATE:
             # It is delivered to nobody; but whoever answers late is there, and heard what was asked then.
             self.journal.unit(unit.address).late_replies += 1
             self.units.heard(unit, self.now)
+            unit.heard_at = self.now
             if (since := unit.late.arrived(request, frame)) is not None:
                 self.feeding.heard(unit.address, since)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
@@ -479,9 +503,10 @@ class Owner:
         job.answered_since = since
         job.reply = frame
         self.units.answered(unit, job.request)
+        unit.heard_at = self.now
         self._note(job, frame, "reply" if meaning is None else "refused", self.now)
         self.pair.exchange.settle()
-        self.pair.end(self.units.late(self.now))
+        self.pair.end(self.units.late(self.now), self.now, answered=True)
         if meaning is not None:
             self._fed_nothing(job)
             self._repeating.after_exception(job, meaning, self.now)
@@ -507,7 +532,7 @@ class Owner:
         if how == "no reply":
             self.pair.exchange.settle()
             self.units.unanswered(unit, job, self.now)
-        self.pair.end(self.units.late(self.now))
+        self.pair.end(self.units.late(self.now), self.now, answered=False)
         self._fed_nothing(job, how)
         if self.feeding.armed and job.urgency in _STOPPING and self.gate.is_rationed(job):
             self.gate.ration.spend(self.now - job.sent_at, self.now)
@@ -527,17 +552,12 @@ class Owner:
 
     def _expire(self, job: Job) -> None:
         """Its time is over. On the wire it is waited for on, but its caller is told."""
-        waiting = job.read_back or job
-        if self._queue.remove(waiting):
-            self._drop(waiting, self._why_it_waits(waiting))
-        elif job.outcome is None:
+        if self._waiting.expire(job.read_back or job, self.now) or job.outcome is not None:
+            return
+        if job in self._one_way and self.now >= job.sent_at + self.pair.line.airtime(len(job.request.adu)):
+            self._one_way_ended(job, Outcome.REPLY)
+        else:
             self._end(job, _silence_of(job), Reason.UNAWAITED)
-
-    def _why_it_waits(self, job: Job) -> Reason:
-        """What keeps a job in the queue."""
-        if not self.gate.connected:
-            return Reason.UNPLUGGED
-        return self.gate.hindrance(job, self.now)
 
     def _flush(self, jobs: Iterable[Job], which: Callable[[Job], bool], reason: Reason) -> None:
         for job in list(jobs):

@@ -90,6 +90,11 @@ class BusStats:
     """Whether the adapter returns what is sent; None while that is not known."""
 
     @property
+    def answers(self) -> int:
+        """How often any unit has answered."""
+        return sum(unit.replies + unit.refusals for unit in self.units.values())
+
+    @property
     def load(self) -> float:
         """The share of all time in which bytes were on the pair."""
         return self.airtime / self.elapsed if self.elapsed else 0.0

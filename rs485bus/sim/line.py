@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from rs485bus.sim.device import SimDevice
 from rs485bus.sim.noise import Noise
@@ -104,6 +104,24 @@ class VirtualPair:
         self._at(end + self.line.t35, lambda now: self._complete(version, end, now))
         if self.noise.echo:
             self._arrive(bytes(data), start, None)
+
+    def babble(self, intervals: Iterator[float], now: float) -> None:
+        """From now on there are bytes that nobody sends, one after each of those intervals: a pair without bias, say.
+
+        While somebody sends there are none. A frame that follows such a byte, or is followed by one, before t3.5 of
+        silence is not understood, unless the pair is `lenient`.
+        """
+
+        def byte(now: float) -> None:
+            if self._sending_until <= now and (self._talk is None or self._talk.until <= now):
+                self._busy_until = now
+                self._spoilt = self._spoilt or not self.lenient
+                self._hear(self._rng.randbytes(1), None, now)
+            self.babble(intervals, now)
+
+        interval = next(intervals, None)
+        if interval is not None:
+            self._at(now + interval, byte)
 
     def advance(self, now: float) -> list[bytes]:
         """Let everything happen that is due; return what the master received, in pieces."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Literal
@@ -87,6 +87,13 @@ class VirtualLine:
     def plug(self) -> None:
         """Put it in again."""
         self.plugged = True
+
+    def babble(self, intervals: Iterator[float]) -> None:
+        """From now on there are bytes that nobody sends, one after each of those intervals (`VirtualPair.babble`)."""
+        self._run()
+        assert self._loop is not None
+        self.pair.babble(intervals, self._loop.time())
+        self._pump()
 
     async def serve_pty(self, link: str | Path | None = None) -> VirtualPort:
         """Put the line on a pseudo-terminal, in real time, so that any Modbus master can be tried on it (not Windows).

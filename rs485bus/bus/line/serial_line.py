@@ -1,4 +1,9 @@
-"""The pair of wires as the owner sees it: whose turn it is, how long there was silence, what is out. Pure."""
+"""The pair of wires as the owner sees it: whose turn it is, how long there was silence, what is out. Pure.
+
+On a line that is never quiet (noise, a second master) a frame waits for silence in vain. A stop and the reads that
+confirm it then go out over the noise, again and again: a slave that frames by silence hears the first that falls into a
+gap, one that hunts for frames hears any.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +12,30 @@ from collections.abc import Iterable
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.line.transaction import Received, Transaction
 from rs485bus.bus.record import Record
-from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.wire.frames import MAX_FRAME
 from rs485bus.wire.timing import LineSettings
 
+_STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 CUT_AFTER = 0.01
 """Seconds of silence after which a stop does not wait for a reply any longer."""
+STOP_WAITS = 0.02
+"""Seconds for which a stop waits for silence at most."""
+LOOKS_WAIT = 0.1
+"""Seconds for which the reads that confirm a stop do, once one was not answered over noise: a gap is waited for."""
+OTHERS_WAIT = 1.0
+"""Seconds for which any other frame does."""
+_NOISE = 0.005
+"""Seconds without silence, and without an answer to what is out, that are noise."""
+_RECENTLY = 1.0
+"""Seconds for which a pair on which there was noise counts as noisy."""
+_NOISY_WAITS = (0.01, 0.02, 0.04)
+"""Seconds for which the answer to a stop is waited for on a noisy pair: in turns, so that the next one goes out at
+another moment of whatever makes the noise."""
+_HELD_UP = 0.5
+"""Seconds of noise, at most, that the wait for a reply may have seen. Some of it may have been the reply, torn."""
+_BEGUN = 3
+"""Bytes held that look like the reply which is waited for, and hardly are by chance."""
 
 
 class SerialLine:
@@ -30,13 +53,20 @@ class SerialLine:
 
     __slots__ = (
         "_air_end",
+        "_brief_until",
         "_first_byte_at",
-        "_heard_at",
+        "_over_noise",
+        "_turn",
         "airtime",
         "deadline",
         "exchange",
+        "heard_at",
+        "is_brief",
         "job",
+        "latency",
         "line",
+        "noise_at",
+        "noisy_since",
         "quiet_at",
         "silence",
     )
@@ -53,46 +83,111 @@ class SerialLine:
         """Seconds in which bytes were on the pair."""
         self.quiet_at = now + silence
         """When the next frame may start."""
+        self.heard_at = now
+        """When the last bytes were received."""
+        self.noisy_since = now
+        """Since when the pair was not quiet, but for frames that belong to something."""
+        self.noise_at = float("-inf")
+        """When noise was last in the way of a frame."""
+        self.latency = 0.0
+        """Seconds for which the port may keep what it has received."""
         self._air_end = now
-        self._heard_at = now
         self._first_byte_at: float | None = None
+        self._over_noise = False
+        """What is out was not preceded by a silence."""
+        self.is_brief = False
+        """What is out is part of a stop on a noisy pair: it is not waited for long, if there is noise."""
+        self._brief_until = 0.0
+        self._turn = 0
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether there was noise where there should have been silence."""
+        return self.heard_at > self.noisy_since + _NOISE
+
+    def has_noise(self, now: float) -> bool:
+        """Whether there is noise now, and not a transaction."""
+        return now < self.quiet_at and self.is_noisy and (self.job is None or self._over_noise)
+
+    @property
+    def was_noisy(self) -> bool:
+        """Whether there was noise of late, as far as anything was received."""
+        return self.noise_at > self.heard_at - _RECENTLY
+
+    @property
+    def through_noise_at(self) -> float:
+        """When a frame may go out that waits for silence no longer. After a frame of our own there is silence."""
+        return self._air_end + self.silence
 
     def begin(self, job: Job, start: float, reply_timeout: float, late: Iterable[PendingReplies]) -> None:
         """The job's frame goes out at `start`."""
         request = job.request
         air = self.line.airtime(len(request.adu))
         self.airtime += air
+        self._over_noise = start < self.quiet_at
         self._air_end = start + air
         self.quiet_at = self._air_end + self.silence
         self._first_byte_at = None
         self.exchange.begin(request, late)
+        self.is_brief = self._over_noise or (job.urgency in _STOPPING and self.was_noisy)
+        if self.is_brief:
+            self._brief_until = self._air_end + _NOISY_WAITS[self._turn % len(_NOISY_WAITS)]
+            self._turn += 1
+        else:
+            self.noisy_since = self._air_end
         if job.expects_reply:
             self.job = job
-            self.deadline = start + self.line.budget(len(request.adu), reply_timeout, request.length or MAX_FRAME)
+            budget = self.line.budget(len(request.adu), reply_timeout, request.length or MAX_FRAME)
+            self.deadline = start + budget + self.latency
 
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
         self.airtime += self.line.airtime(len(data))
-        self._heard_at = now
+        if now >= self.quiet_at:
+            self.noisy_since = now
+        self.heard_at = now
         self.quiet_at = max(self._air_end, now) + self.silence
         if self._first_byte_at is None:
             self._first_byte_at = now
-        return self.exchange.feed(data)
+        received = self.exchange.feed(data)
+        if received and not self.is_brief:
+            self.noisy_since = now  # a frame is no noise
+        return received
 
-    def wait_until(self, stop_waits: bool) -> float:
-        """Until when the job that is out may still be answered. A stop waits for no more than a silence."""
-        if not stop_waits:
-            return self.deadline
-        return min(self.deadline, max(self._air_end, self._heard_at) + CUT_AFTER)
+    def wait_until(self, stop_asked_at: float | None = None) -> float:
+        """Until when the job that is out may still be answered.
 
-    def end(self, late: Iterable[PendingReplies]) -> None:
+        A stop, asked for at the time given, waits for no more than a silence; where there is none, not much longer.
+        """
+        over = self.deadline
+        if self.is_brief and (self._over_noise or self.heard_at > self._air_end):
+            # In a gap a slave is heard at once, if it heard the frame; if not, the gap is for the next one.
+            gap = max(self._air_end + _NOISE, self.heard_at + self.silence)
+            over = min(over, gap, self._unless_begun(self._brief_until))
+        if stop_asked_at is None:
+            return over
+        shortest = self._air_end + CUT_AFTER + self.latency
+        noisy = self._unless_begun(max(shortest, stop_asked_at + STOP_WAITS))
+        return min(over, noisy, max(shortest, self.heard_at + CUT_AFTER + self.latency))
+
+    def _unless_begun(self, until: float) -> float:
+        """The same time, or later where the answer seems to have begun: it takes so long at most."""
+        first, job = self._first_byte_at, self.job
+        if first is None or job is None or self.exchange.pending < _BEGUN:
+            return until
+        return max(until, first + self.line.airtime(job.request.length or MAX_FRAME))
+
+    def end(self, late: Iterable[PendingReplies], now: float, *, answered: bool) -> None:
         """The job that was out was answered or given up."""
         self.job = None
+        if not self.is_brief:
+            self.noisy_since = now if answered else max(self.noisy_since, now - _HELD_UP)
+        self.is_brief = False
         self.exchange.idle(late)
 
     def restart(self, now: float) -> None:
         """The port was opened anew."""
-        self._air_end = now
+        self._air_end = self.noisy_since = self.heard_at = now
         self.quiet_at = now + self.silence
 
     def record(self, job: Job, reply: bytes, outcome: str, now: float) -> tuple[Record, int]:

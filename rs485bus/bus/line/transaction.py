@@ -90,6 +90,11 @@ class Transaction:
         if self._auto:
             self.echo = None
 
+    @property
+    def pending(self) -> int:
+        """Bytes held that may be the begin of a frame that is waited for."""
+        return self._receiver.pending
+
     def counts(self) -> tuple[int, int]:
         """Bytes skipped and CRC errors since the exchange began."""
         receiver = self._receiver

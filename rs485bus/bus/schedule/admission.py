@@ -63,11 +63,13 @@ class AdmissionControl:
         """Why a job may be sent neither now nor later; NONE if it may."""
         if self.closed:
             return Reason.CLOSED
+        if job.urgency is Urgency.STOP:
+            return Reason.NONE
         if job.is_stale:
             return Reason.STOPPED
         if job.urgency is Urgency.FEED and not self.connected:
             return Reason.UNPLUGGED
-        if job.internal or job.urgency is Urgency.STOP:
+        if job.internal:
             return Reason.NONE
         if self._feeding.armed and job.request.writes and self._disrupts(job):
             return Reason.DISRUPTIVE
@@ -78,13 +80,22 @@ class AdmissionControl:
         if job.moves and not self.connected:
             return Reason.UNPLUGGED
         if job.is_broadcast:
-            return Reason.LOCKED if job.moves and any(unit.locked for unit in self.hearing(job)) else Reason.NONE
+            return self._refusal_of_broadcast(job) if job.moves else Reason.NONE
         unit = self._units[job.address]
         if unit.reach.offline:
             return Reason.OFFLINE
         if unit.is_stops_only:
             return Reason.EMERGENCY if self.latched else Reason.STOPPED
-        return Reason.LOCKED if job.moves and unit.locked else Reason.NONE
+        if not job.moves:
+            return Reason.NONE
+        return Reason.LOCKED if unit.locked else Reason.UNCONFIRMED if _is_unconfirmed(unit) else Reason.NONE
+
+    def _refusal_of_broadcast(self, job: Job) -> Reason:
+        """The same, for a broadcast that could move something."""
+        hearing = self.hearing(job)
+        if any(unit.locked for unit in hearing):
+            return Reason.LOCKED
+        return Reason.UNCONFIRMED if any(map(_is_unconfirmed, hearing)) else Reason.NONE
 
     def needs_port(self, job: Job) -> bool:
         """Whether it is not worth waiting for a port that was lost: a motion, or the arming of a watchdog."""
@@ -151,7 +162,11 @@ class AdmissionControl:
             return job.not_before
         if self._feeding.armed and (until := self._wait_for_feeds(job, now)) > now:
             return until
-        if not self.settled and job.request.writes and job.urgency is not Urgency.STOP:
+        if job.urgency is Urgency.STOP:
+            # It waits for nothing but a watchdog that must not be fed.
+            silent_until = self._units[job.address].silent_until
+            return silent_until if silent_until > now else READY
+        if not self.settled and job.request.writes:
             return _FOREVER
         if job.is_broadcast:
             return _FOREVER if job.moves and any(unit.halt for unit in self.hearing(job)) else READY
@@ -193,3 +208,8 @@ class AdmissionControl:
         if job.is_broadcast or not self._feeding.guards_others(job.address):
             return False
         return self._units[job.address].reach.missed_in_a_row >= SILENT
+
+
+def _is_unconfirmed(unit: UnitState) -> bool:
+    """Whether it was told to stop, and could not be seen standing."""
+    return unit.halt is not None and unit.halt.failed

@@ -50,10 +50,14 @@ class Reason(enum.Enum):
     """Its time was over while others had the wire."""
     UNAWAITED = enum.auto()
     """It was sent, and its time was over before its device had to answer."""
+    LINE_BUSY = enum.auto()
+    """The line was never quiet."""
     OWED = enum.auto()
     """Its time was over while a late reply of its device could have been taken for its answer."""
     STOPPING = enum.auto()
     """Its time was over while what it is meant for was being stopped."""
+    UNCONFIRMED = enum.auto()
+    """What it is meant for was told to stop three times, and could not be seen standing."""
     STOPPED = enum.auto()
     """What it is meant for was."""
     EMERGENCY = enum.auto()

@@ -3,6 +3,9 @@
 A stop is never confirmed by its echo, only by reading, after it was sent, that the axis stands. A halt is not done
 until that was read; after three stops in vain it says so and goes on more quietly.
 
+A repetition is the same stop. A harder one follows where an acknowledged stop has not led to a stand in one and a half
+times the time that it takes, or where two were not acknowledged.
+
 Procedures are generators that the owner drives: they yield what they wait for (a job, a time, a halt, other procedures)
 and are resumed with what came of it. They belong to no task, so nothing can cancel them.
 """
@@ -11,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import Any, TypeVar, Union
+from typing import Any, Protocol, TypeVar, Union
 
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
-from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
@@ -25,13 +28,20 @@ T = TypeVar("T")
 Wanted = Union[Job, float, "Halt", Endings[Any]]
 Procedure = Generator[Wanted, Any, T]
 
+_FOREVER = float("inf")
 STOPS = 3
 """Stop frames sent in vain before a halt is reported as not confirmed."""
+_UNACKNOWLEDGED = 2
+"""Stops in a row without an acknowledgement after which the next one is harder."""
+_IN_TIME = 1.5
+"""How many times the time that an acknowledged stop takes it is given."""
+_MARGIN = 0.05
+_NOISY_MARGIN = 0.5
 _LOOK_EVERY = 0.02
+_BLIND = 5
+"""Stops, to a device that is not heard, of which one is followed by a look."""
 _ORDERS_EVERY = 0.1
 """Seconds after which a device that is left alone is stopped again if somebody asks for it."""
-_TRY_AGAIN_AFTER = 0.5
-_MARGIN = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +61,36 @@ def unconfirmed(devices: Iterable[DeviceAdapter]) -> list[Halted]:
     return [Halted(device.address, device.family, False, 0) for device in devices if device.motion.may_move]
 
 
+class Pacing(Protocol):
+    """How often a device is stopped, and for how long an answer is waited for."""
+
+    late: PendingReplies
+
+    def reply_timeout(self, since: float, reported: bool) -> float | None:
+        """Seconds for which an answer is waited for; None for as long as usual.
+
+        Args:
+            since: when it was told to stop.
+            reported: it was said that it could not be seen standing.
+        """
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether the pair is: what is not acknowledged there was not heard, and every gap counts."""
+
+    def gives_up_after(self, since: float) -> float:
+        """Seconds that three stops in vain must have taken at least before it is said that they were in vain."""
+
+    def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
+        """When it is stopped again, after it was said that it could not be seen standing.
+
+        Args:
+            now: the time.
+            sent_at: when the last stop was sent.
+            acknowledged: it acknowledged that, and moves on.
+        """
+
+
 class Halt:
     """One device being brought to a stand.
 
@@ -58,25 +98,41 @@ class Halt:
         attached: the device.
         motion: the part of it to stop.
         emergency: as fast as it can, instead of with its ramp.
-        frames: the frames to begin with; None for the family's own.
+        now: the time.
+        frames: the frames that stop it with its ramp; None for the family's own.
     """
 
     def __init__(
-        self, attached: DeviceAdapter, motion: Motion, emergency: bool, frames: tuple[Request, ...] | None = None
+        self,
+        attached: DeviceAdapter,
+        motion: Motion,
+        emergency: bool,
+        now: float,
+        frames: tuple[Request, ...] | None = None,
     ) -> None:
         self.attached = attached
         self.motion = motion
         self.emergency = emergency
         self.failed = False
-        """Three stops in a row were not confirmed."""
+        """The latest order was not confirmed in time. What would move the device is not sent before it is."""
         self.stops = 0
-        self._frames = frames
-        self._orders = 0
-        self._sent_at = NEVER
-        self._acknowledged = False
-        self._listeners: list[Callable[[Halted], None]] = []
         self.told: Halted | None = None
         """How the latest order ended, once it has."""
+        self._over = False
+        self._now = now
+        self._ordered_at = now
+        self._orders = 0
+        self._frames = frames
+        self._hardened = False
+        self._unacknowledged = 0
+        """Stops in a row that were not."""
+        self._sent_at = NEVER
+        self._evidence_from = _FOREVER
+        """When the first stop of the latest order was sent: what was asked before shows nothing."""
+        self._acknowledged = False
+        self._looks: dict[Request, Job] = {}
+        """What was asked. A look that is sent again is the same job: either reply to it will do."""
+        self._listeners: list[Callable[[Halted], None]] = []
 
     def listen(self, listener: Callable[[Halted], None]) -> None:
         """Be told once how the latest order ended: that it stands, or that three stops were not confirmed."""
@@ -85,84 +141,152 @@ class Halt:
         else:
             self._listeners.append(listener)
 
-    def again(self, motion: Motion, emergency: bool) -> tuple[Request, ...]:
+    def again(self, motion: Motion, emergency: bool, now: float) -> tuple[Request, ...]:
         """It was told to stop once more. Returns the frames to send at once."""
         self._orders += 1
+        self._ordered_at = now
         self.told = None
+        self.failed = False
         if motion is not self.motion:
             self.motion = self.attached.motion
+            self._frames = None
         self.emergency = self.emergency or emergency
-        self._frames = None
         return self._stop_frames()
 
-    def run(self, late: PendingReplies, pause: Callable[[float], float]) -> Procedure[None]:
-        """Stop it until it stands.
+    def give_up(self) -> None:
+        """Say that it was not seen standing, if nothing was said yet."""
+        if self.told is None:
+            self.failed = True
+            self._tell(standing=False)
 
-        Args:
-            late: what the device owes.
-            pause: given the time, until when to leave the device alone after three stops in vain.
-        """
-        now, order, tries = 0.0, self._orders, 0
-        while True:
+    def end(self) -> None:
+        """Do no more about it."""
+        self._over = True
+        self.give_up()
+
+    def run(self, pacing: Pacing) -> Procedure[bool]:
+        """Stop it until it stands. False if that was ended before."""
+        order, tries = self._orders, 0
+        while not self._over:
             if order != self._orders:
-                order, tries = self._orders, 0
-            for request in self._stop_frames():
-                stop = Job(request, urgency=Urgency.STOP, ignores_late_replies=True, internal=True, retries=0)
-                now = yield stop
-                self._sent_at = stop.sent_at
-                self._acknowledged = stop.outcome in (Outcome.REPLY, Outcome.REFUSED)
-            self.stops += 1
+                order, tries, self._evidence_from = self._orders, 0, _FOREVER
+            yield from self._stop(pacing)
             tries += 1
-            if (yield from self._see_it_stand(order, now, late)):
+            if self._is_worth_a_look(pacing) and (yield from self._see_it_stand(order, pacing)):
+                self.failed = False
                 self._tell(standing=True)
-                return
-            if order == self._orders and tries == STOPS:
-                tries = 0
-                self.failed = True
-                self._tell(standing=False)
-                until = max(now + _TRY_AGAIN_AFTER, pause(now))
-                while now < until and order == self._orders:
-                    now = yield min(until, now + _ORDERS_EVERY)
+                return True
+            if order != self._orders:
+                continue
+            self._hardened = self._hardened or self._acknowledged or self._unacknowledged >= _UNACKNOWLEDGED
+            if tries >= STOPS and self._now >= self._ordered_at + pacing.gives_up_after(self._ordered_at):
+                self.give_up()
+            if self.told is not None:
+                until = pacing.next_at(self._now, self._sent_at, self._acknowledged)
+                while self._now < until and order == self._orders and not self._over:
+                    self._now = yield min(until, self._now + _ORDERS_EVERY)
+        return False
+
+    @property
+    def _is_hard(self) -> bool:
+        return self.emergency or self._hardened
 
     def _stop_frames(self) -> tuple[Request, ...]:
-        if self._frames is not None and not self.emergency and self.stops == 0:
-            return self._frames
-        # A ramp that was not confirmed is not trusted a second time.
-        return tuple(self.attached.stops(self.motion, self.emergency or self.stops > 0))
+        if self._is_hard:
+            return tuple(self.attached.stops(self.motion, True))
+        if self._frames is None:
+            self._frames = tuple(self.attached.stops(self.motion, False))
+        return self._frames
 
-    def _see_it_stand(self, order: int, now: float, late: PendingReplies) -> Procedure[bool]:
-        attached = self.attached
-        judge = attached.judgement(self.motion)
-        patience = now + attached.stopping_time(self.emergency or self.stops > 1) + _MARGIN
-        asked: dict[Request, Job] = {}
+    def _stop(self, pacing: Pacing) -> Procedure[None]:
+        """Say it once."""
+        self._acknowledged = True
+        for request in self._stop_frames():
+            stop = Job(
+                request,
+                urgency=Urgency.STOP,
+                reply_timeout=self._wait(pacing),
+                ignores_late_replies=True,
+                internal=True,
+                retries=0,
+            )
+            self._now = yield stop
+            if stop.attempts:
+                self._sent_at = stop.sent_at
+                self._evidence_from = min(self._evidence_from, stop.sent_at)
+            self._acknowledged = self._acknowledged and stop.outcome in (Outcome.REPLY, Outcome.REFUSED)
+        self.stops += 1
+        self._unacknowledged = 0 if self._acknowledged else self._unacknowledged + 1
+
+    def _is_worth_a_look(self, pacing: Pacing) -> bool:
+        """Whether it may answer. One that is not heard is only told to stop, again and again."""
+        if self._acknowledged or self.stops % _BLIND == 0 or not self._is_pressing(pacing):
+            return True
+        return self.told is None and not pacing.is_noisy
+
+    def _wait(self, pacing: Pacing) -> float | None:
+        return pacing.reply_timeout(self._ordered_at, reported=self.told is not None)
+
+    def _see_it_stand(self, order: int, pacing: Pacing) -> Procedure[bool]:
+        """Look until it stands, or until it should be told to stop once more."""
+        judge = self.attached.judgement(self.motion)
+        patience, heard = self._now + self._patience, False
+        while order == self._orders and not self._over:
+            look, standing = self._next_look(judge, pacing), None
+            if look is not None:
+                self._now = yield look
+                standing = self._judge(judge, look)
+            if standing:
+                settled = self.attached.may_start_until(self.motion)
+                if look is not None and look.answered_since >= settled:
+                    return order == self._orders
+                self._now = yield settled
+                continue
+            answered = look is not None and look.outcome is Outcome.REPLY
+            heard = heard or answered
+            # One that was seen moving did not hear the stop: it is said again without waiting for a ramp.
+            if not self._acknowledged and (standing is False or (not answered and self._is_pressing(pacing))):
+                return False
+            # On a noisy pair it may well stand, and not be heard to say so.
+            if self._now >= patience + (0.0 if heard or not pacing.is_noisy else _NOISY_MARGIN):
+                return False
+            if answered or look is None or not pacing.is_noisy:
+                self._now = yield self._now + _LOOK_EVERY
+        return False
+
+    @property
+    def _patience(self) -> float:
+        """Seconds for which it is looked before it is told to stop once more."""
+        if self._acknowledged:
+            return _IN_TIME * self.attached.stopping_time(self._is_hard)
+        return self.attached.stopping_time(True) + _MARGIN
+
+    def _is_pressing(self, pacing: Pacing) -> bool:
+        """Whether one that does not answer is told to stop again at once."""
+        return pacing.is_noisy or self._wait(pacing) is not None
+
+    def _next_look(self, judge: StandstillDetector, pacing: Pacing) -> Job | None:
+        """What to ask next; None if a late reply could be taken for every answer."""
 
         def free(request: Request) -> bool:
-            return late.must_wait(request, asked.get(request)) == 0
+            return pacing.late.must_wait(request, self._looks.get(request)) == 0
 
-        while order == self._orders:
-            request = judge.ask(free)
-            if request is not None:
-                look = asked.get(request)
-                if look is None:
-                    look = asked[request] = Job(
-                        request, urgency=Urgency.CONFIRM, repeat=Repeat.SAFE, internal=True, retries=0
-                    )
-                now = yield look
-                if look.outcome is Outcome.REPLY and look.answered_since >= self._sent_at:
-                    attached.told(request, look.reply, look.answered_since)
-                    standing = judge.see(request, look.reply, look.answered_since)
-                    settled = attached.may_start_until(self.motion)
-                    if standing and look.answered_since >= settled:
-                        return order == self._orders
-                    if standing is False and not self._acknowledged:
-                        return False  # the stop was lost: say it again without waiting for a ramp
-                    if standing:
-                        now = yield settled
-                        continue
-            if now >= patience:
-                return False
-            now = yield now + _LOOK_EVERY
-        return False
+        request = judge.ask(free)
+        if request is None:
+            return None
+        look = self._looks.get(request)
+        if look is None:
+            look = Job(request, urgency=Urgency.CONFIRM, repeat=Repeat.SAFE, internal=True, retries=0)
+            self._looks[request] = look
+        look.reply_timeout = self._wait(pacing)
+        return look
+
+    def _judge(self, judge: StandstillDetector, look: Job) -> bool | None:
+        """Whether it stands, from what it answered; None if that is not known."""
+        if look.outcome is not Outcome.REPLY or look.answered_since < self._evidence_from:
+            return None
+        self.attached.told(look.request, look.reply, look.answered_since)
+        return judge.see(look.request, look.reply, look.answered_since)
 
     def _tell(self, standing: bool) -> None:
         listeners, self._listeners = self._listeners, []

@@ -29,6 +29,7 @@ class UnitState:
         "attached",
         "former",
         "halt",
+        "heard_at",
         "is_stops_only",
         "lapsed",
         "late",
@@ -57,6 +58,8 @@ class UnitState:
         self.attached: DeviceAdapter | None = None
         self.late = PendingReplies(in_order)
         self.reach = Reachability()
+        self.heard_at = NEVER
+        """When it was last heard, in time or late."""
         self.halt: Halt | None = None
         """The stop that is not confirmed yet."""
         self.answers = AnsweredRequests()

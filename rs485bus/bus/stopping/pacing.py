@@ -1,0 +1,73 @@
+"""How often a device is stopped that does not stand yet. Pure."""
+
+from __future__ import annotations
+
+from rs485bus.bus.line.pending import PendingReplies
+from rs485bus.bus.line.serial_line import SerialLine
+from rs485bus.bus.stopping.halt import STOPS
+from rs485bus.bus.units.reachability import ProbeBudget
+from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.watchdog.feeding import Feeding
+
+_TRY_AGAIN_AFTER = 0.5
+"""Seconds after which a device is stopped again at the earliest that could not be seen standing."""
+_URGENT_EVERY = 0.1
+"""The same, at the latest, while nothing but stops is sent to it and it is not heard: what does not hear is not fed."""
+_BRIEF = 0.04
+"""Seconds for which an answer of such a device is waited for, so that there is time for a stop and a look."""
+_BRIEFEST = 0.01
+"""The same once it was said that it could not be seen standing: others need the pair."""
+_NOISY = 1.0
+"""Seconds for which stops go out on a noisy pair before it is said that they were in vain."""
+
+
+class StopPacing:
+    """The pace of the stops to one device.
+
+    Args:
+        unit: its address.
+        feeding: the watchdogs.
+        pair: the pair it is on.
+        looking: the account of the time spent on looking for lost units.
+    """
+
+    __slots__ = ("_feeding", "_looking", "_pair", "_unit", "late")
+
+    def __init__(self, unit: UnitState, feeding: Feeding, pair: SerialLine, looking: ProbeBudget) -> None:
+        self._unit = unit
+        self._feeding = feeding
+        self._pair = pair
+        self._looking = looking
+        self.late: PendingReplies = unit.late
+
+    def reply_timeout(self, since: float, reported: bool) -> float | None:
+        unit = self._unit
+        if not unit.is_stops_only or unit.heard_at >= since:
+            return None
+        return min(unit.reply_timeout, _BRIEFEST if reported else _BRIEF)
+
+    @property
+    def is_noisy(self) -> bool:
+        return self._pair.was_noisy
+
+    def gives_up_after(self, since: float) -> float:
+        unit = self._unit
+        if self._pair.was_noisy:
+            return _NOISY
+        if self.reply_timeout(since, reported=False) in (None, unit.reply_timeout):
+            return 0.0
+        # It may answer later than it was waited for; then it is heard all the same.
+        return max(_NOISY, STOPS * unit.reply_timeout)
+
+    def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
+        unit = self._unit
+        if self.is_noisy:
+            return now + _URGENT_EVERY
+        if not unit.is_stops_only:
+            return max(now + _TRY_AGAIN_AFTER, self._looking.free_at(now))
+        watch = self._feeding.get(unit.address)
+        if watch is None or not acknowledged:
+            return sent_at + _URGENT_EVERY
+        # Its own watchdog is the last defence: no frame may feed it.
+        unit.silent_until = now + watch.timeout
+        return unit.silent_until

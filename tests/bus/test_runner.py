@@ -76,7 +76,7 @@ def test_a_loop_that_was_blocked_is_logged_and_told_in_real_time(caplog: pytest.
         await reading
         await bus.aclose()
         assert len(late) == 1
-        assert 0.3 < late[0] < 0.5
+        assert 0.25 < late[0] < 0.5  # 0.4 s less what it would have slept anyway
 
     with caplog.at_level(logging.WARNING):
         asyncio.run(main())

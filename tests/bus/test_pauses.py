@@ -1,5 +1,6 @@
 """Quiet before a request to a unit that wants it, whatever its neighbours do, and never past an armed watchdog."""
 
+import random
 from collections.abc import Callable
 from typing import Any
 
@@ -257,3 +258,40 @@ async def test_what_may_be_asked_of_a_unit_at_any_time_is_kept_for_it() -> None:
             bus.unit(2, probe=4)  # type: ignore[arg-type] # the point of the test
         with pytest.raises(DeviceRefused):
             await bus.unit(2).read_holding_registers(100)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_is_asked_and_taken_back_quiet_is_kept_and_all_ends(seed: int) -> None:
+    rng = random.Random(seed)
+    meeting = Meeting(1, 2, 3, 4)
+    rig, jobs = meeting.rig, []
+    for address in (2, 3):
+        rig.owner.units[address].pause = 0.01 * address
+    for scripted in rig.pair.devices:
+        assert isinstance(scripted, Scripted)
+        scripted.script.extend(rng.choice([0.0, 0.0, 0.0, 0.0, "lost", "deaf"]) for _ in range(30))
+
+    def ask() -> None:
+        address = rng.randint(1, 4)
+        pause = rng.choice([None, None, 0.03, 0.0]) if address == 4 else None
+        expires = rng.choice([None, rng.uniform(0, 0.3)])
+        job = rig.submit(
+            read_holding(address, rng.randrange(8), 1),
+            urgency=rng.choice([Urgency.COMMAND, Urgency.POLL, Urgency.STOP]),
+            pause=pause,
+            expires_at=None if expires is None else rig.now + expires,
+        )
+        jobs.append(job)
+        if rng.random() < 0.1:
+            rig.at(rig.now + rng.uniform(0, 0.2), lambda: rig.owner.cancel(job, rig.now))
+
+    for _ in range(300):
+        rig.at(rig.now + rng.uniform(0, 3), ask)
+    rig.run(30)
+    assert all(job.outcome is not None for job in jobs)
+    assert rig.owner.gate.pauses.held is None or rig.owner.gate.pauses.held.outcome is not None
+    wanted = {2: 0.02, 3: 0.03}
+    stops = {job.request.adu for job in jobs if job.urgency is Urgency.STOP}
+    for (address, quiet), (_, frame) in zip(meeting.quiet, rig.sent, strict=True):
+        if frame not in stops and quiet < 1e6:
+            assert quiet >= wanted.get(address, 0.0) - 1e-9

@@ -368,7 +368,7 @@ class Owner:
     def _feed(self, watch: ArmedWatchdog, wake: float) -> tuple[Job | None, float]:
         """What feeds a watchdog, once the pair was quiet for as long as its device wants."""
         pause = self.units[watch.address].pause
-        if pause and (again := self.gate.pauses.quiet_for(pause)) > self.now:
+        if pause and (again := self.gate.pauses.wait_to_feed(watch.address, pause, self.now)) > READY:
             return None, min(wake, again)
         return next_feed(watch, self.feeding, self._queue, self.units, self._admit, self.now), wake
 
@@ -377,9 +377,13 @@ class Owner:
         job = self.gate.pauses.held
         assert job is not None
         verdict = GONE if job.outcome is not None else self._admit(job)
-        if verdict == self.gate.pauses.until:
-            return None, verdict
-        self.gate.pauses.held = None  # its turn has come, or it waits for something else
+        pauses = self.gate.pauses
+        if verdict > READY and verdict == pauses.until:
+            if not pauses.is_hopeless(job, self.now):
+                return None, verdict if pauses.held is job else 0.0
+            self._drop(job, Reason.LINE_BUSY)
+            verdict = GONE
+        pauses.held = None  # its turn has come, or it waits for something else
         if verdict > READY:
             return None, 0.0
         self._queue.remove(job)

@@ -1,5 +1,6 @@
 """Quiet before a request to a unit that wants it, whatever its neighbours do, and never past an armed watchdog."""
 
+import asyncio
 import random
 from collections.abc import Callable
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import pytest
 
 from rs485bus import BusConfig, MksServo, open_bus
-from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.errors import DeviceRefused, NoReply, NotSent, WatchdogInfeasible
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.sim.rig import Rig
@@ -295,3 +296,78 @@ def test_whatever_is_asked_and_taken_back_quiet_is_kept_and_all_ends(seed: int) 
     for (address, quiet), (_, frame) in zip(meeting.quiet, rig.sent, strict=True):
         if frame not in stops and quiet < 1e6:
             assert quiet >= wanted.get(address, 0.0) - 1e-9
+
+
+def blips(rig: Rig, every: float, until: float) -> None:
+    """A byte of noise every so often."""
+
+    def blip() -> None:
+        rig.owner.feed(b"\x00", rig.now)
+        if rig.now + every < until:
+            rig.at(rig.now + every, blip)
+
+    rig.at(rig.now + every, blip)
+
+
+def test_who_wants_more_quiet_than_there_ever_is_is_told_so_and_keeps_nobody_waiting() -> None:
+    meeting = Meeting(1, 2)
+    rig = meeting.rig
+    rig.owner.units[2].pause = 0.05
+    end = rig.now + 20
+    rig.done(rig.submit(read_holding(1, 0, 1)))
+    blips(rig, 0.03, end)
+    busy(meeting, 1, end)(None)
+    began = rig.now
+    job = rig.submit(read_holding(2, 0, 1))
+    rig.done(job, within=5)
+    assert (job.outcome, job.reason) == (Outcome.NOT_SENT, Reason.LINE_BUSY)
+    assert rig.now - began < 3
+    others = len(meeting.before(1))
+    assert others > (rig.now - began) / 0.02  # they went on meanwhile
+    rig.owner.units[2].pause = PAUSE
+    again = rig.submit(read_holding(2, 0, 1))
+    rig.done(again, within=5)
+    assert again.outcome is Outcome.REPLY  # that much quiet there is between two of them
+
+
+def test_stops_that_go_on_and_on_do_not_keep_a_pause_from_ending() -> None:
+    meeting = Meeting(1, 2)
+    rig = meeting.rig
+    rig.owner.units[2].pause = 0.05
+    end = rig.now + 10
+
+    def stop(_: Job | None = None) -> None:
+        rig.submit(read_holding(1, 1, 1), urgency=Urgency.STOP)
+        if rig.now + 0.03 < end:
+            rig.at(rig.now + 0.03, stop)
+
+    stop()
+    job = rig.submit(read_holding(2, 0, 1))
+    rig.done(job, within=5)
+    assert job.outcome is Outcome.NOT_SENT
+
+
+@virtual
+async def test_a_drive_that_wants_quiet_is_fed_and_stopped_on_a_line_that_is_never_quiet_for_so_long() -> None:
+    line = VirtualLine(sim := SimMks(1), other := SimMks(3))
+    async with open_bus(line) as bus:
+        x, y = MksServo(bus, 1), MksServo(bus, 3)
+        bus.unit(1, pause=0.05)
+        async with bus.watchdog(x, y, timeout=1.0):
+            await x.enable()
+            await y.enable()
+            await asyncio.gather(x.run(60), y.run(60))
+            noise = asyncio.ensure_future(babble(line, 0.03))
+            await asyncio.sleep(4.0)
+            await asyncio.wait_for(asyncio.gather(x.stop(), y.stop()), 5)
+            noise.cancel()
+        assert not sim.trips
+        assert not other.trips
+
+
+async def babble(line: VirtualLine, every: float) -> None:
+    """A byte of noise every so often."""
+    while True:
+        await asyncio.sleep(every)
+        assert line._sink is not None
+        line._sink.received(b"\x00")

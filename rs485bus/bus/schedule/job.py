@@ -135,7 +135,6 @@ class Job:
         "unanswered",
         "urgency",
         "verify",
-        "wants_quiet_since",
     )
 
     def __init__(
@@ -171,7 +170,6 @@ class Job:
         self.epoch = 0 if motion is None else motion.epoch
         self.reply_timeout = reply_timeout
         self.pause = pause
-        self.wants_quiet_since: float | None = None
         self.expires_at = expires_at
         self.ignores_late_replies = ignores_late_replies
         self.internal = internal

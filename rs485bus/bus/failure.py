@@ -30,6 +30,12 @@ _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
         LineBusy,
         f"the line was never quiet: bytes kept coming that belong to no answer. Look for {WHAT_TO_LOOK_FOR}",
     ),
+    Reason.ECHO: (
+        NotSent,
+        "its time was over before it was known whether the adapter returns what is sent, which would look like an "
+        "answer: no read has been answered yet. Check the power, the address, the baud rate and the wires of the "
+        "devices; or say BusConfig(echo=False), or echo=True",
+    ),
     Reason.OWED: (
         NotSent,
         "its time was over while a late reply could still arrive that would have been taken for its answer. Its device "

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.line.echo import EchoQuestion
 from rs485bus.bus.line.serial_line import LOOKS_WAIT, STOP_WAITS, SerialLine
 from rs485bus.bus.line.transaction import Kind, Received
 from rs485bus.bus.record import Journal
@@ -191,7 +192,7 @@ class Owner:
         self.now = now
         self.gate.connected = False
         self.at(self._waiting.port_lost(now, self.journal.stats.answers), self._wait_for_port)
-        self.pair.exchange.unsettle()
+        self.pair.exchange.question.reopen()
         if self.pair.job is not None:
             self._unanswered("lost")
         for job in tuple(self._one_way):  # nobody knows whether it went out
@@ -319,7 +320,6 @@ class Owner:
 
     def _choose(self) -> tuple[Job | None, float]:
         """The job that goes next or, if there is none, when to look again."""
-        self.gate.settled = self.pair.exchange.echo is not None
         job, wake = self._queue.take(self._admit, _STOPS)
         if job is not None:
             return job, wake
@@ -348,6 +348,9 @@ class Owner:
         if lost is not None and (job := self._look_for(lost)) is not None:
             return job, wake
         wake = min(wake, again)
+        question = self.pair.exchange.question
+        if question.is_pressing and (job := self._ask_of_echo(question)) is not None:
+            return job, wake
         job, again = self._queue.take_rest(self._admit)
         if job is not None:
             return job, again
@@ -358,12 +361,14 @@ class Owner:
         if lost is not None and (job := self._look_for(lost)) is not None:
             return job, wake
         wake = min(wake, again, self.units.to_probe_at(self.now, idle=True))
-        if not self.gate.settled:
-            # Only writes wait, and they wait for a read: nobody answers that with its own bytes.
-            writing = next((job for job in self._queue if job.request.writes), None)
-            if writing is not None:
-                return self._look_for(self.units[writing.address or 1]), wake
-        return None, wake
+        return self._ask_of_echo(question) if question.is_open else None, wake
+
+    def _ask_of_echo(self, question: EchoQuestion) -> Job | None:
+        """A read of a unit that something waits to be written to, until it is known whether the adapter echoes."""
+        now, units = self.now, self.units
+        waiting = (job.address for job in self._queue if self.gate.waits_for_verdict(job))
+        address = question.ask(address for address in waiting if units[address].silent_until <= now)
+        return None if address is None else self._look_for(units[address])
 
     def _feed(self, watch: ArmedWatchdog, wake: float) -> tuple[Job | None, float]:
         """What feeds a watchdog, once the pair was quiet for as long as its device wants."""
@@ -509,7 +514,9 @@ class Owner:
         self.units.answered(unit, job.request)
         unit.heard_at = self.now
         self._note(job, frame, "reply" if meaning is None else "refused", self.now)
-        self.pair.exchange.settle()
+        told = since == job.sent_at and self.pair.exchange.judge()
+        if not told and not job.request.writes:
+            self.pair.exchange.question.tried(job.address)
         self.pair.end(self.units.late(self.now), self.now, answered=True)
         if meaning is not None:
             self._fed_nothing(job)
@@ -531,15 +538,38 @@ class Owner:
         assert job is not None
         unit = self.units[job.address]
         job.unanswered += 1
+        in_doubt = how == "no reply" and self.pair.exchange.is_in_doubt
         self.units.owes(unit, job, max(self.pair.deadline, self.now))
         self._note(job, frame, how, self.now)
+        if not job.request.writes:
+            self.pair.exchange.question.tried(job.address)
         if how == "no reply":
-            self.pair.exchange.settle()
             self.units.unanswered(unit, job, self.now)
         self.pair.end(self.units.late(self.now), self.now, answered=False)
         self._fed_nothing(job, how)
         if self.feeding.armed and job.urgency in _STOPPING and self.gate.is_rationed(job):
             self.gate.ration.spend(self.now - job.sent_at, self.now)
+        read = unit.harmless_read
+        if in_doubt and self._repeating.after_doubt(job, read(), lambda why: self._was_in_doubt(job, why), self.now):
+            return
+        self._not_answered(job, unit, how)
+
+    def _was_in_doubt(self, job: Job, reason: Reason) -> None:
+        """The adapter has been found out, or nobody answered, or that could not be asked."""
+        unit = self.units[job.address]
+        if reason is not Reason.NONE:
+            self._end(job, _silence_of(job), reason)
+        elif self.pair.exchange.echo is not False:
+            self._not_answered(job, unit, "no reply")
+        else:
+            job.unanswered -= 1
+            job.reply, job.answered_since = job.request.adu, job.sent_at
+            unit.late.arrived(job.request, job.reply)
+            self._register_writes.acknowledged(job, unit)
+            self._end(job, Outcome.REPLY)
+
+    def _not_answered(self, job: Job, unit: UnitState, how: str) -> None:
+        """What came of an attempt that was not answered."""
         if how != "lost" and not unit.reach.silent and self._repeating.after_silence(job, self.now):
             return
         if how == "no reply" and not job.internal:

@@ -1,4 +1,4 @@
-"""What is on the wire now: the frame sent, what may come back, and whether the adapter returns our own bytes. Pure."""
+"""What is on the wire now: the frame sent, and what may come back. Pure."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+from rs485bus.bus.line.echo import EchoQuestion
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.wire.frames import EXCEPTION_LENGTH, Request
 from rs485bus.wire.receiver import Pattern, Receiver
@@ -34,33 +35,45 @@ class Received(NamedTuple):
 
 _Key = tuple[Kind, Request]
 
+_UNMISTAKABLE = 4
+"""Bytes at the end of a request that nobody else says: two of its data, and the CRC of all of it."""
+
 
 class Transaction:
     """One frame out, frames in.
 
-    `echo` is None until it is settled whether the adapter returns what is sent. That is settled by a read: nobody
-    answers a read with its own bytes, so they come back before the answer exactly if the adapter echoes.
+    Args:
+        echo: whether the adapter returns what is sent; None to find out.
     """
 
-    __slots__ = ("_auto", "_crc_errors", "_echoed", "_mirrors", "_receiver", "_request", "_skipped", "echo")
+    __slots__ = ("_crc_errors", "_echoed", "_mirrors", "_receiver", "_request", "_skipped", "_tells", "question")
 
     def __init__(self, echo: bool | None) -> None:
-        self.echo = echo
-        self._auto = echo is None
+        self.question = EchoQuestion(echo)
+        """Whether the adapter echoes."""
         self._receiver: Receiver[_Key] = Receiver()
         self._request: Request | None = None
         self._echoed = False
         self._mirrors = False
+        self._tells = False
         self._skipped = 0
         self._crc_errors = 0
+
+    @property
+    def echo(self) -> bool | None:
+        """Whether the adapter returns what is sent; None while that is not known."""
+        return self.question.verdict
+
+    @echo.setter
+    def echo(self, verdict: bool | None) -> None:
+        self.question.verdict = verdict
 
     def begin(self, request: Request, late: Iterable[PendingReplies]) -> None:
         """`request` is being sent; listen for what may answer it, and for what older requests are owed."""
         self._request = request
         self._echoed = False
-        # A reply that repeats its request cannot be told from an echo; where there is none, it is the reply.
-        self._mirrors = len(request.adu) == request.length and request.adu.startswith(request.prefix)
-        self._listen(_wanted(request, not self._mirrors or self.echo is not False), late)
+        patterns, self._mirrors, self._tells = _wanted(request, self.question.verdict is not False)
+        self._listen(patterns, late)
 
     def idle(self, late: Iterable[PendingReplies]) -> None:
         """Nothing is on the wire; listen for what older requests are owed."""
@@ -71,24 +84,31 @@ class Transaction:
         """Take bytes in; return the frames they complete."""
         received = []
         for (kind, request), frame in self._receiver.feed(data):
-            if kind is Kind.ECHO and self._mirrors and self._echoed:
-                kind = Kind.NORMAL  # the second of two equal frames is the reply
+            if kind is Kind.ECHO and self._mirrors and (self._echoed or self._has_passed(request)):
+                kind = Kind.NORMAL  # the second of two equal frames is the reply, also where the first was damaged
             elif kind is Kind.ECHO:
                 self._echoed = True
-                if self._auto and not self._mirrors:
-                    self.echo = True
             received.append(Received(kind, request, frame))
         return received
 
-    def settle(self) -> None:
-        """The current exchange is over. A read before which nothing came back tells that the adapter does not echo."""
-        if self.echo is None and self._request is not None and not self._request.writes and self.counts()[0] == 0:
-            self.echo = False
+    @property
+    def is_in_doubt(self) -> bool:
+        """What came back may be the answer, or the request itself."""
+        return self._mirrors and self._echoed and self.question.is_open
 
-    def unsettle(self) -> None:
-        """Another adapter may be there now."""
-        if self._auto:
-            self.echo = None
+    def judge(self) -> bool:
+        """The request was answered, by nothing older. Whether that tells if the adapter echoes."""
+        request, question = self._request, self.question
+        if self._tells and request is not None:
+            echoed = self._echoed or self._has_passed(request)
+            if echoed is not question.verdict or question.is_in_doubt:
+                question.judge(echoed, clean=self._receiver.skipped == self._skipped)
+        return self._tells
+
+    def _has_passed(self, request: Request) -> bool:
+        """Whether the end of the request stood before the first of the frames received last."""
+        passed = self._receiver.passed
+        return bool(passed) and request.adu[-_UNMISTAKABLE:] in passed
 
     @property
     def pending(self) -> int:
@@ -101,23 +121,48 @@ class Transaction:
         return receiver.skipped + receiver.pending - self._skipped, receiver.crc_errors - self._crc_errors
 
     def _listen(self, patterns: Sequence[Pattern[_Key]], late: Iterable[PendingReplies]) -> None:
+        seen = set()
         for replies in late:
             for owed in replies:
-                patterns = [*patterns, *_answers(owed.request, Kind.LATE, Kind.LATE_EXCEPTION, Kind.LATE)]
+                for pattern in _answers(owed.request, Kind.LATE, Kind.LATE_EXCEPTION, Kind.LATE):
+                    looks = (pattern.prefix, pattern.length)
+                    if looks not in seen:  # many attempts are answered alike
+                        seen.add(looks)
+                        patterns = [*patterns, pattern]
         self._receiver.expect(patterns)
         self._skipped = self._receiver.skipped
         self._crc_errors = self._receiver.crc_errors
 
 
+class _Wanted(NamedTuple):
+    """What may come back of a request that is sent."""
+
+    patterns: Sequence[Pattern[_Key]]
+    mirrors: bool
+    """Its own bytes would pass for its reply. Where the adapter does not echo, they are the reply."""
+    tells: bool
+    """Its answer tells whether the adapter echoes."""
+
+
 @lru_cache(maxsize=256)
-def _wanted(request: Request, echo: bool) -> Sequence[Pattern[_Key]]:
-    """What may come back of a request that is sent; with `echo` the request itself."""
+def _wanted(request: Request, may_echo: bool) -> _Wanted:
+    mirrors = request.answered_by(request.adu) and _length(request) == len(request.adu)
     patterns: list[Pattern[_Key]] = []
-    if echo:
+    if may_echo or not mirrors:
         patterns.append(Pattern(request.adu, len(request.adu), (Kind.ECHO, request)))
     if request.length or request.sizer:
         patterns += _answers(request, Kind.NORMAL, Kind.EXCEPTION, Kind.REFUSAL, counts=True)
-    return patterns
+    return _Wanted(patterns, mirrors, tells=not (mirrors or request.writes))
+
+
+def _length(request: Request) -> int:
+    """How long a reply to the request is that begins like the request itself."""
+    if request.sizer is None:
+        return request.length
+    try:
+        return request.sizer(request.adu)
+    except (IndexError, ValueError, TypeError):
+        return 0
 
 
 def _answers(

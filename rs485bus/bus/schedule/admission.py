@@ -30,6 +30,7 @@ class AdmissionControl:
     """
 
     __slots__ = (
+        "_echo",
         "_feeding",
         "_line",
         "_silence",
@@ -40,11 +41,11 @@ class AdmissionControl:
         "latched",
         "pauses",
         "ration",
-        "settled",
     )
 
     def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding, turnaround: float) -> None:
         self._line = pair.line
+        self._echo = pair.exchange.question
         self.pauses = PauseKeeper(pair)
         self._units = units
         self._feeding = feeding
@@ -56,8 +57,6 @@ class AdmissionControl:
         """An emergency stop was made; nothing moves until it is cleared."""
         self.closed = False
         self.connected = True
-        self.settled = False
-        """It is known whether the adapter echoes. Until then nothing is written."""
 
     def refusal(self, job: Job) -> Reason:
         """Why a job may be sent neither now nor later; NONE if it may."""
@@ -166,8 +165,6 @@ class AdmissionControl:
             # It waits for nothing but a watchdog that must not be fed.
             silent_until = self._units[job.address].silent_until
             return silent_until if silent_until > now else READY
-        if not self.settled and job.request.writes:
-            return _FOREVER
         if job.is_broadcast:
             return _FOREVER if job.moves and any(unit.halt for unit in self.hearing(job)) else READY
         unit = self._units[job.address]
@@ -175,6 +172,8 @@ class AdmissionControl:
             return _FOREVER
         if unit.silent_until > now:
             return unit.silent_until
+        if self._echo.is_open and self.waits_for_verdict(job):
+            return _FOREVER
         if unit.late and not job.ignores_late_replies:
             unit.late.expire(now)
             if (until := unit.late.must_wait(job.request, job)) > now:
@@ -184,10 +183,17 @@ class AdmissionControl:
             return self.pauses.wait(job, pause, now)
         return READY
 
+    def waits_for_verdict(self, job: Job) -> bool:
+        """Whether a job has to wait until it is known that the adapter does not echo, or has been tried for long."""
+        told = job.request.writes and job.expects_reply and job.urgency is not Urgency.STOP
+        return told and self._echo.keeps_waiting(job.address)
+
     def hindrance(self, job: Job, now: float) -> Reason:
         """Why a job that may be sent has not been by now."""
         if self.wait(job, now) <= now:
             return Reason.EXPIRED  # others had the wire
+        if self._echo.is_open and self.waits_for_verdict(job):
+            return Reason.ECHO
         unit = self._units[job.address]
         if any(hearing.halt for hearing in self.hearing(job)) or unit.silent_until > now:
             return Reason.STOPPING

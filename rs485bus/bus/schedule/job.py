@@ -52,6 +52,8 @@ class Reason(enum.Enum):
     """It was sent, and its time was over before its device had to answer."""
     LINE_BUSY = enum.auto()
     """The line was never quiet."""
+    ECHO = enum.auto()
+    """Its time was over before it was known whether the adapter returns what is sent."""
     OWED = enum.auto()
     """Its time was over while a late reply of its device could have been taken for its answer."""
     STOPPING = enum.auto()

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rs485bus.bus.schedule.job import Job, Outcome, Reason
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.queue import Queue
 from rs485bus.wire.exceptions import Meaning, exception
+from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 
 _BUSY_PAUSE = 0.1
@@ -45,6 +46,21 @@ class Repeating:
             return True
         return self._read_back(job, now)
 
+    def after_doubt(self, job: Job, read: Request, ended: Callable[[Reason], None], now: float) -> bool:
+        """What came back may be the request, returned by the adapter. What answers a read shows whether it does that.
+
+        False if that is not asked: a stop is looked at anyway, and what waits with others cannot wait for it.
+        """
+        if job.slot is not None or job.urgency is Urgency.STOP or not _is_wanted(job, now):
+            return False
+
+        def was_asked(back: Job) -> None:
+            job.read_back = None
+            ended(back.reason)
+
+        self._ask(job, read, was_asked, now)
+        return True
+
     def after_exception(self, job: Job, meaning: Meaning, now: float) -> None:
         """The device said no, or that it could not do it."""
         if meaning is Meaning.BUSY and job.repeat is not Repeat.NEVER and self._may_repeat(job, now):
@@ -67,8 +83,15 @@ class Repeating:
         if job.repeat is not Repeat.VERIFY or verify is None or job.slot is not None or not _is_wanted(job, now):
             return False
         job.read_backs += 1
+        back = self._ask(job, verify.read, lambda back: self._was_read_back(job, back), now)
+        if _was_begun(job):
+            back.not_before = now + _pause(job.read_backs)  # it may be at it still
+        return True
+
+    def _ask(self, job: Job, read: Request, on_end: Callable[[Job], None], now: float) -> Job:
+        """Ask a job's unit something that tells what became of the job."""
         back = Job(
-            verify.read,
+            read,
             urgency=job.urgency,
             moves=job.moves,  # it goes where the write may go, and no further
             motion=job.motion,
@@ -77,15 +100,13 @@ class Repeating:
             expires_at=job.expires_at,
             internal=job.internal,
             retries=job.retries,
-            on_end=lambda back: self._was_read_back(job, back),
+            on_end=on_end,
         )
         back.epoch = job.epoch
         back.queued_at = now
-        if _was_begun(job):
-            back.not_before = now + _pause(job.read_backs)  # it may be at it still
         job.read_back = back
         self._queue.put(back, first=True)
-        return True
+        return back
 
     def _was_read_back(self, job: Job, back: Job) -> None:
         job.read_back = None

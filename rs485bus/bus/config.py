@@ -29,6 +29,9 @@ class BusConfig:
     late_reply_window: float = _PAIR_WINDOW
     """How long after the end of its reply budget an unanswered request may still be answered. 0.05..10. Left as it is,
     it means 5 s behind a gateway, which may hold replies back."""
+    in_order: bool = True
+    """Replies of one unit come in the order in which it was asked, as bytes on one pair do. False for a line on which
+    they may overtake each other: then only the end of the window settles a late reply. Not assumed behind gateways."""
     offline_after: int = 3
     """Unanswered requests in a row before which a device is never taken for offline. After them it is, once its silence
     is less likely than one in a billion for what the line loses: five attempts on a good one. 1..100."""
@@ -66,6 +69,7 @@ class BusConfig:
         _within("tcp_gap", self.tcp_gap, 0, 1)
         if self.echo not in ("auto", True, False):
             raise ValueError(f"echo {self.echo!r} is none of 'auto', True, False")
+        flag("in_order", self.in_order)
         flag("leave_running", self.leave_running)
         if isinstance(self.rs485_direction, RS485Settings):
             _within("delay_before_tx", self.rs485_direction.delay_before_tx or 0.0, 0, 0.1)

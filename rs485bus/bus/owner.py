@@ -18,6 +18,7 @@ from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.burst_scheduler import BurstScheduler
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.lingering import Lingering
 from rs485bus.bus.schedule.queue import GONE, READY, Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.scheduler import Scheduler
@@ -25,6 +26,7 @@ from rs485bus.bus.schedule.timers import Timer, Timers
 from rs485bus.bus.schedule.waiting import Waiting
 from rs485bus.bus.stopping.halt import Halt, Procedure
 from rs485bus.bus.stopping.pacing import StopPacing
+from rs485bus.bus.units.asking import hurry, question_for
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.bus.units.probing import listening_time
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
@@ -69,7 +71,9 @@ class Owner:
         self.journal = Journal()
         silence = config.tcp_gap if gateway else line.t35
         self.feeding = Feeding(line.budget(_BROADCAST, config.turnaround, 0) + silence)
-        self.units = UnitStates(not gateway, config.reply_timeout, config.late_reply_window_of(gateway))
+        self.units = UnitStates(
+            config.in_order and not gateway, config.reply_timeout, config.late_reply_window_of(gateway)
+        )
         self.watchdogs = WatchdogMaker(line, silence, self.journal)
         self.pair = SerialLine(line, silence, None if config.echo == "auto" else config.echo, now)
         self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
@@ -87,6 +91,7 @@ class Owner:
         self.on_released: Callable[[UnitState], None] = lambda unit: None
         """Told that a device stands at last whose watchdog block was left before it did."""
         self._timers = Timers()
+        self._lingering = Lingering(self._timers, self._gave_no_reply)
         self._procedures = Scheduler(lambda job: self.submit(job, self.now), self._timers, now)
 
     @property
@@ -197,6 +202,8 @@ class Owner:
             self._unanswered("lost")
         for job in tuple(self._one_way):  # nobody knows whether it went out
             self._one_way_ended(job, Outcome.UNKNOWN, Reason.UNPLUGGED)
+        for job in self._lingering.end_all():
+            self._end(job, _silence_of(job), Reason.UNPLUGGED)
         self._flush(self._queue, self.gate.needs_port, Reason.UNPLUGGED)
         for unit in self.units:
             watch = self.feeding.get(unit.address)
@@ -228,6 +235,8 @@ class Owner:
         self.gate.closed = True
         if self.pair.job is not None:
             self._unanswered("lost")
+        for job in self._lingering.end_all():
+            self._end(job, _silence_of(job))
         self._flush(self._queue, lambda _: True, Reason.CLOSED)
         self._timers.clear()
         self._stops_are_out()
@@ -348,10 +357,14 @@ class Owner:
         if lost is not None and (job := self._look_for(lost)) is not None:
             return job, wake
         wake = min(wake, again)
+        if self.gate.held_up and (job := self._ask_instead()) is not None:
+            return job, wake
         question = self.pair.exchange.question
         if question.is_pressing and (job := self._ask_of_echo(question)) is not None:
             return job, wake
         job, again = self._queue.take_rest(self._admit)
+        if job is None and self.gate.held_up:
+            job = self._ask_instead()
         if job is not None:
             return job, again
         watch = self.feeding.soon(self.now)
@@ -369,6 +382,20 @@ class Owner:
         waiting = (job.address for job in self._queue if self.gate.waits_for_verdict(job))
         address = question.ask(address for address in waiting if units[address].silent_until <= now)
         return None if address is None else self._look_for(units[address])
+
+    def _ask_instead(self) -> Job | None:
+        """A question for a unit that owes a reply for which somebody waits."""
+        units, self.gate.held_up = self.gate.held_up, set()
+        ready = None
+        for unit in units:
+            job = question_for(unit, self.now)
+            if job is None:
+                continue
+            if ready is None and self._admit(job) == READY:
+                job.queued_at, ready = self.now, job
+            else:
+                self.submit(job, self.now)
+        return ready
 
     def _feed(self, watch: ArmedWatchdog, wake: float) -> tuple[Job | None, float]:
         """What feeds a watchdog, once the pair was quiet for as long as its device wants."""
@@ -453,6 +480,8 @@ class Owner:
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
         self.feeding.sent(job.feeds)
         self.pair.begin(job, start, timeout, self.units.late(self.now))
+        if job.reply_timeout is None and unit.late.in_order and job.is_repeatable:
+            self._wait_as_long_as_usual(job, unit, start, timeout)
         if not job.expects_reply:
             sent = self.pair.quiet_at - self.pair.silence
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
@@ -464,6 +493,16 @@ class Owner:
         if job.request.writes:
             self._register_writes.sent(job)
         return job.request.adu
+
+    def _wait_as_long_as_usual(self, job: Job, unit: UnitState, start: float, longest: float) -> None:
+        """Wait for the reply as long as the unit usually takes; it may come until it is owed no more all the same."""
+        retries = self.config.retries if job.retries is None else job.retries
+        if job.attempts > retries and job.request.writes and not job.internal:
+            return  # a reply that comes late may be that to an equal write before it
+        spared = longest - unit.reply_times.wait(job, longest)
+        self.pair.deadline -= spared
+        if spared and job.attempts == 1 and not job.backs_off:
+            job.patient_until = start + retries * (self.pair.owed_until - start)
 
     def _one_way_ended(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
         if job in self._one_way:
@@ -485,8 +524,13 @@ class Owner:
             self.journal.unit(unit.address).late_replies += 1
             self.units.heard(unit, self.now)
             unit.heard_at = self.now
+            hurry(unit, self.now)
+            waiting = unit.late.waiting(request, frame)
             if (since := unit.late.arrived(request, frame)) is not None:
                 self.feeding.heard(unit.address, since)
+                if waiting is not None and (self._lingering.leaves(waiting) or self._queue.remove(waiting)):
+                    waiting.answered_since, waiting.reply = since, frame
+                    self._end(waiting, Outcome.REPLY)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
             unit.late.expire(self.now)
             if kind is Kind.NORMAL or not unit.late.leaves_undecided(job, frame):
@@ -508,11 +552,18 @@ class Owner:
             if meaning is Meaning.UNANSWERED:
                 self._unanswered("no reply", frame)
                 return
-        since = unit.late.answered(job, self.pair.deadline + unit.late_reply_window, frame)
+        since = unit.late.answered(job, self.pair.owed_until + unit.late_reply_window, frame)
         job.answered_since = since
         job.reply = frame
         self.units.answered(unit, job.request)
         unit.heard_at = self.now
+        if meaning is not None:
+            unit.answers.refused(job.request)
+        elif not job.unanswered and since == job.sent_at and self.now <= self.pair.deadline:
+            took = self.now - since - self.pair.line.airtime(len(job.request.adu) + len(frame))
+            unit.reply_times.answered(job, took)
+        if self.gate.silent:
+            self.gate.silent.pop(unit, None)
         self._note(job, frame, "reply" if meaning is None else "refused", self.now)
         told = since == job.sent_at and self.pair.exchange.judge()
         if not told and not job.request.writes:
@@ -539,12 +590,18 @@ class Owner:
         unit = self.units[job.address]
         job.unanswered += 1
         in_doubt = how == "no reply" and self.pair.exchange.is_in_doubt
-        self.units.owes(unit, job, max(self.pair.deadline, self.now))
+        owed_until = max(self.pair.owed_until, self.now)
+        self.units.owes(unit, job, owed_until)
         self._note(job, frame, how, self.now)
         if not job.request.writes:
             self.pair.exchange.question.tried(job.address)
         if how == "no reply":
-            self.units.unanswered(unit, job, self.now)
+            if not frame:
+                unit.reply_times.missed(job)
+                self.gate.silent[unit] = owed_until
+            if job.sent_at >= unit.misses_count_from:
+                unit.misses_count_from = owed_until
+                self.units.unanswered(unit, job, self.now)
         self.pair.end(self.units.late(self.now), self.now, answered=False)
         self._fed_nothing(job, how)
         if self.feeding.armed and job.urgency in _STOPPING and self.gate.is_rationed(job):
@@ -552,7 +609,7 @@ class Owner:
         read = unit.harmless_read
         if in_doubt and self._repeating.after_doubt(job, read(), lambda why: self._was_in_doubt(job, why), self.now):
             return
-        self._not_answered(job, unit, how)
+        self._not_answered(job, unit, how, 0.0 if job.internal or frame or how != "no reply" else owed_until)
 
     def _was_in_doubt(self, job: Job, reason: Reason) -> None:
         """The adapter has been found out, or nobody answered, or that could not be asked."""
@@ -568,13 +625,21 @@ class Owner:
             self._register_writes.acknowledged(job, unit)
             self._end(job, Outcome.REPLY)
 
-    def _not_answered(self, job: Job, unit: UnitState, how: str) -> None:
-        """What came of an attempt that was not answered."""
+    def _not_answered(self, job: Job, unit: UnitState, how: str, may_come_until: float = 0.0) -> None:
+        """What came of an attempt that was not answered. Its reply may come until the time given all the same."""
         if how != "lost" and not unit.reach.silent and self._repeating.after_silence(job, self.now):
+            return
+        if may_come_until > self.now:
+            self._lingering.add(job, may_come_until)
             return
         if how == "no reply" and not job.internal:
             self.units.missed(unit, self.now, self.config.offline_after)
         self._end(job, _silence_of(job), Reason.UNPLUGGED if how == "lost" else Reason.NONE)
+
+    def _gave_no_reply(self, job: Job, reason: Reason = Reason.NONE) -> None:
+        """The last attempt was not answered within the longest time that the unit may take."""
+        self.units.missed(self.units[job.address], self.now, self.config.offline_after)
+        self._end(job, _silence_of(job), reason)
 
     def _fed_nothing(self, job: Job, how: str = "refused") -> None:
         """The job's latest attempt was not acknowledged."""

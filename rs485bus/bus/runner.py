@@ -78,7 +78,7 @@ class OwnerRunner:
                     return
                 if now - self._wakes_at > BLOCKED:
                     self._say_blocked(now)
-                if now >= (owner.one_way_ends_at if owner.pair.job is None else owner.pair.deadline) and (
+                if now >= (owner.one_way_ends_at if owner.pair.job is None else owner.pair.owed_until) and (
                     transport.unsent
                 ):
                     # It must not arrive later. That the port is lost is told next.

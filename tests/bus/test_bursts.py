@@ -86,6 +86,7 @@ def test_a_burst_waits_as_a_whole_for_a_late_reply_that_one_of_them_could_be_ans
     made = drives(rig, 2)
     deafen(made[1], lambda frame: not is_start(frame))
     rig.done(made[1].move(rig))  # its reply is owed for a while now
+    rig.owner.units[2].probe = False  # and it is asked nothing instead
     made[1].sim.receive = type(made[1].sim).receive.__get__(made[1].sim)  # type: ignore[method-assign]
     rig.sent.clear()
     starts = burst(rig, made)

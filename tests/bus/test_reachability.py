@@ -331,19 +331,20 @@ def test_one_bad_cable_among_good_ones_is_no_dead_unit() -> None:
     assert not any(job.reason is Reason.OFFLINE for job in log)
 
 
-def test_a_dead_unit_on_a_good_line_is_noticed_after_five_attempts() -> None:
+def test_a_dead_unit_on_a_good_line_is_noticed_when_five_attempts_had_all_the_time_that_it_may_take() -> None:
     unit = Switched(1)
     rig = Rig(unit, keep_frames=False)
     keep_asking(rig, SOME)
     rig.run(2.0)
     unit.on = False
-    before = rig.owner.journal.unit(1).timeouts
+    before, died_at = rig.owner.journal.unit(1).timeouts, rig.now
     rig.run(until=lambda: rig.owner.units[1].reach.offline)
-    assert rig.owner.journal.unit(1).timeouts - before == 5
+    assert rig.owner.journal.unit(1).timeouts - before >= 5
+    assert 4 * 0.1 < rig.now - died_at < 2.0
 
 
 def test_offline_after_is_how_many_requests_must_have_failed_at_least() -> None:
-    for least, failed in ((1, 5), (3, 5), (8, 8)):
+    for least in (1, 3, 8):
         unit = Switched(1)
         config = BusConfig(echo=False, retries=0, offline_after=least)
         rig = Rig(unit, config=config, keep_frames=False)
@@ -352,7 +353,7 @@ def test_offline_after_is_how_many_requests_must_have_failed_at_least() -> None:
         unit.on = False
         answered = len(ended)
         rig.run(until=lambda rig=rig: rig.owner.units[1].reach.offline)  # type: ignore[misc]
-        assert len(ended) - answered == failed
+        assert len(ended) - answered >= least
 
 
 def test_repetitions_go_on_while_the_silence_may_be_the_lines_doing() -> None:

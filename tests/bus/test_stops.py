@@ -327,14 +327,14 @@ def test_a_broadcast_neither_moves_what_is_locked_nor_overtakes_a_stop() -> None
     rig = Rig()
     first, second = running(rig, 2)
     everybody = Motion([first.attached.motion, second.attached.motion])
+    stops = first.sim._commands[STOP]
     first.sim._commands[STOP] = lambda value, now: None
     first.stop(rig)
     waits = rig.submit(write(0, r.ENABLE, 1), repeat=Repeat.NEVER, moves=True, motion=everybody)
     rig.run(0.1)
     assert waits.outcome is None
     assert first.sim.moving(rig.now)
-    del first.sim._commands[STOP]
-    first.sim.restart(rig.now)
+    first.sim._commands[STOP] = stops
     rig.done(waits)
     assert rig.owner.units[1].halt is None
     rig.owner.units[1].locked = "it was stopped for safety"

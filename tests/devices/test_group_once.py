@@ -53,7 +53,7 @@ async def test_a_start_that_is_lost_or_whose_reply_is_happens_once(who: str, hea
 @on_virtual_clock
 async def test_a_start_that_is_lost_again_and_again_stops_the_others(who: str) -> None:
     async with plant(MKS, TLR, LEFT, RIGHT) as p:
-        lose(p, who, 3, heard=False)
+        lose(p, who, 1000, heard=False)
         with pytest.raises(BusError, match=rf"^{'[cd]' if who == 'c' else who}: "):
             await p.group.move_to(a=40, b=30, c=20, d=20)
         await asyncio.sleep(2.0)

@@ -92,7 +92,7 @@ async def test_a_status_polled_before_a_move_and_answered_late_never_ends_the_mo
             await bus.unit(1).read_input_registers(r.STATUS.address, timeout=0.01)
         assert await x.move_to(5.0) == 5.0
         assert made.shafts()[0] == pytest.approx(5.5)
-        assert bus.stats.units[1].late_replies == 1
+        assert bus.stats.units[1].late_replies >= 1
 
 
 @virtual

@@ -76,7 +76,7 @@ async def test_an_answer_that_takes_longer_than_a_move_may_does_not_fail_it() ->
 
         def lose(pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
             reply = answer(pdu, now, broadcast=broadcast)
-            if pdu[0] != READ_INPUT or len(lost) == 3:
+            if pdu[0] != READ_INPUT or (lost and now > lost[0] + 1.2):
                 return reply
             lost.append(now)
             return None
@@ -89,5 +89,5 @@ async def test_an_answer_that_takes_longer_than_a_move_may_does_not_fail_it() ->
         assert await move == 0.0625
         assert move.started_at is not None
         assert move.eta is not None
-        assert len(lost) == 3
+        assert len(lost) >= 3
         assert x.bus.now() > 2 * move.eta - move.started_at + 1

@@ -28,7 +28,7 @@ class PendingReply:
     until: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Heard:
     """A frame that came while replies were owed. It may come a second time."""
 
@@ -38,6 +38,10 @@ class _Heard:
     """When no copy of it is expected any more."""
     attempt: tuple[Job, float] | None
     """The attempt that was on the wire and that it left undecided, as job and time of sending."""
+    came_again: bool = False
+    """It has come a second time."""
+    came_after: float = float("inf")
+    """When the request was sent that was on the wire as it came; infinity where that is not known."""
 
 
 class PendingReplies:
@@ -53,6 +57,11 @@ class PendingReplies:
         self._in_order = in_order
         self._owed: list[PendingReply] = []
         self._heard: dict[bytes, _Heard] = {}
+
+    @property
+    def in_order(self) -> bool:
+        """Whether bytes come in the order in which they were asked for."""
+        return self._in_order
 
     def __bool__(self) -> bool:
         return bool(self._owed)
@@ -96,12 +105,16 @@ class PendingReplies:
         if not self._owed:
             return job.sent_at
         heard = self._heard.get(frame)
-        if heard is not None:
+        if heard is not None and not (self._in_order and job.backs_off and heard.came_again):
+            # There is one copy at most: of two that came after a question was asked, one is its answer.
+            heard.came_again = True
             self.unanswered(job, until)  # it may be a copy
             return heard.since
         alike = [owed for owed in self._owed if _may_give(owed.request, frame, job.request)]
         since = min((owed.sent_at for owed in alike), default=job.sent_at)
-        self._settle(alike, frame, job.request)
+        if self._in_order:
+            self._no_copies_of_what_came_before(since)
+        self._settle(alike, frame, job.request, job.sent_at)
         if self._in_order:
             self._forget_before(since)
         if alike:
@@ -112,6 +125,15 @@ class PendingReplies:
         """A late reply to such a request arrived. Returns when the oldest one was sent that it may answer; None for
         a copy, or if there is none."""
         return self._came(frame, [owed for owed in self._owed if _may_give(owed.request, frame, request)])
+
+    def waiting(self, request: Request, frame: bytes) -> Job | None:
+        """The job that a late reply answers, where it can be no other's: it waits for a repetition, or for its time to
+        be over. None if there is none, or for a copy."""
+        if frame in self._heard or request.writes or not self._in_order:
+            return None
+        jobs = {owed.job for owed in self._owed if _may_give(owed.request, frame, request)}
+        job = jobs.pop() if len(jobs) == 1 else None
+        return job if job is not None and job.outcome is None and job.read_back is None else None
 
     def excepted(self, function: int, frame: bytes = b"") -> None:
         """A late exception arrived for a function."""
@@ -144,7 +166,9 @@ class PendingReplies:
             self._forget_before(since)
         return since
 
-    def _settle(self, alike: list[PendingReply], frame: bytes, request: Request) -> None:
+    def _settle(
+        self, alike: list[PendingReply], frame: bytes, request: Request, came_after: float = float("inf")
+    ) -> None:
         """Strike out the oldest of some replies, one of which came.
 
         Where replies may overtake each other, the others tell as much as the oldest only if all look the same.
@@ -153,9 +177,14 @@ class PendingReplies:
             return
         if frame:
             since, until = min(owed.sent_at for owed in alike), max(owed.until for owed in alike)
-            self._heard[frame] = _Heard(since, until, None)
+            self._heard[frame] = _Heard(since, until, None, came_after=came_after)
         if self._in_order or all(_look_the_same(owed.request, request) for owed in alike):
             self._owed.remove(min(alike, key=lambda owed: owed.sent_at))
+
+    def _no_copies_of_what_came_before(self, sent_at: float) -> None:
+        """What was sent at that time was answered: a copy of what came before would have come before that answer."""
+        if self._heard:
+            self._heard = {frame: heard for frame, heard in self._heard.items() if heard.came_after >= sent_at}
 
     def _forget_before(self, sent_at: float) -> None:
         self._owed = [owed for owed in self._owed if owed.sent_at >= sent_at]

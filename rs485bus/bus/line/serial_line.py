@@ -67,6 +67,7 @@ class SerialLine:
         "line",
         "noise_at",
         "noisy_since",
+        "owed_until",
         "quiet_at",
         "silence",
     )
@@ -79,6 +80,8 @@ class SerialLine:
         """The job that is out and may still be answered."""
         self.deadline = 0.0
         """When its reply budget is over."""
+        self.owed_until = 0.0
+        """Until when the unit may still answer; after the deadline others are served meanwhile."""
         self.airtime = 0.0
         """Seconds in which bytes were on the pair."""
         self.quiet_at = now + silence
@@ -139,6 +142,7 @@ class SerialLine:
             self.job = job
             budget = self.line.budget(len(request.adu), reply_timeout, request.length or MAX_FRAME)
             self.deadline = start + budget + self.latency
+            self.owed_until = self.deadline
 
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""

@@ -38,9 +38,11 @@ class AdmissionControl:
         "_units",
         "closed",
         "connected",
+        "held_up",
         "latched",
         "pauses",
         "ration",
+        "silent",
     )
 
     def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding, turnaround: float) -> None:
@@ -57,6 +59,10 @@ class AdmissionControl:
         """An emergency stop was made; nothing moves until it is cleared."""
         self.closed = False
         self.connected = True
+        self.held_up: set[UnitState] = set()
+        """Units for whose owed reply somebody waits."""
+        self.silent: dict[UnitState, float] = {}
+        """Until when units may still answer that were not waited for as long."""
 
     def refusal(self, job: Job) -> Reason:
         """Why a job may be sent neither now nor later; NONE if it may."""
@@ -69,7 +75,7 @@ class AdmissionControl:
         if job.urgency is Urgency.FEED and not self.connected:
             return Reason.UNPLUGGED
         if job.internal:
-            return Reason.NONE
+            return Reason.OFFLINE if job.backs_off and self._units[job.address].reach.offline else Reason.NONE
         if self._feeding.armed and job.request.writes and self._disrupts(job):
             return Reason.DISRUPTIVE
         if self._feeding.slack < _FOREVER and self._takes(job) > self._feeding.slack:
@@ -166,7 +172,9 @@ class AdmissionControl:
             silent_until = self._units[job.address].silent_until
             return silent_until if silent_until > now else READY
         if job.is_broadcast:
-            return _FOREVER if job.moves and any(unit.halt for unit in self.hearing(job)) else READY
+            if job.moves and any(unit.halt for unit in self.hearing(job)):
+                return _FOREVER
+            return self._may_be_hit_until(None, job, now) if self.silent else READY
         unit = self._units[job.address]
         if job.moves and unit.halt is not None:
             return _FOREVER
@@ -177,7 +185,10 @@ class AdmissionControl:
         if unit.late and not job.ignores_late_replies:
             unit.late.expire(now)
             if (until := unit.late.must_wait(job.request, job)) > now:
+                self.held_up.add(unit)
                 return until
+        if self.silent and not job.is_repeatable and (until := self._may_be_hit_until(unit, job, now)) > now:
+            return until
         pause = unit.pause if job.pause is None else job.pause
         if pause and job.urgency > Urgency.START:
             return self.pauses.wait(job, pause, now)
@@ -187,6 +198,13 @@ class AdmissionControl:
         """Whether a job has to wait until it is known that the adapter does not echo, or has been tried for long."""
         told = job.request.writes and job.expects_reply and job.urgency is not Urgency.STOP
         return told and self._echo.keeps_waiting(job.address)
+
+    def _may_be_hit_until(self, unit: UnitState | None, job: Job, now: float) -> float:
+        """Until when the late reply of another unit could hit a job that must not be repeated."""
+        if job.urgency is Urgency.STOP:
+            return READY
+        self.silent = {silent: until for silent, until in self.silent.items() if until > now}
+        return max((until for silent, until in self.silent.items() if silent is not unit), default=READY)
 
     def hindrance(self, job: Job, now: float) -> Reason:
         """Why a job that may be sent has not been by now."""

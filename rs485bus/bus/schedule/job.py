@@ -97,6 +97,7 @@ class Job:
         tolerant: its reply is no evidence of anything, so that it need not wait for late replies.
         internal: the bus' own; neither flushed nor refused because of the state of the device or the bus.
         retries: how often it may be repeated; None for what the bus is set to.
+        backs_off: it is repeated less and less often: the device may be busy, and nobody waits for the answer itself.
         slot: its place among frames that go out as one, whatever its urgency; None for a frame of its own.
         verify: how to see whether it was carried out, where it may be sent again once that shows that it was not.
         on_end: called once with the job when it has ended.
@@ -106,6 +107,7 @@ class Job:
         "address",
         "answered_since",
         "attempts",
+        "backs_off",
         "caller_cancelled",
         "code",
         "ended_at",
@@ -121,6 +123,7 @@ class Job:
         "not_before",
         "on_end",
         "outcome",
+        "patient_until",
         "pause",
         "queued_at",
         "read_back",
@@ -153,6 +156,7 @@ class Job:
         ignores_late_replies: bool = False,
         internal: bool = False,
         retries: int | None = None,
+        backs_off: bool = False,
         slot: BurstSlot | None = None,
         verify: Verification | None = None,
         on_end: Callable[[Job], None] | None = None,
@@ -176,6 +180,7 @@ class Job:
         self.ignores_late_replies = ignores_late_replies
         self.internal = internal
         self.retries = retries
+        self.backs_off = backs_off
         self.slot = slot
         self.verify = verify
         self.read_back: Job | None = None
@@ -192,6 +197,8 @@ class Job:
         self.ended_at = 0.0
         self.answered_since = 0.0
         """When the oldest attempt was sent that its reply may answer."""
+        self.patient_until = 0.0
+        """Until when it is repeated, however often: its attempts did not take as long as they may."""
         self.attempts = 0
         self.unanswered = 0
         self.feeds = False
@@ -203,6 +210,12 @@ class Job:
         self.reply = b""
         self.code: int | None = None
         """The exception code that answered its latest attempt, if one did."""
+
+    @property
+    def is_repeatable(self) -> bool:
+        """Whether it does no harm to send it again where it may have arrived."""
+        safe = self.repeat is Repeat.SAFE or not self.request.writes
+        return safe and self.slot is None and self.expects_reply
 
     @property
     def is_stale(self) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.queue import Queue
+from rs485bus.bus.units.asking import pause
 from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
@@ -42,6 +43,10 @@ class Repeating:
         if job.repeat is Repeat.SAFE:
             if not self._may_repeat(job, now):
                 return False
+            if job.backs_off:
+                job.not_before = now + pause(job)
+            elif job.attempts > self._retries_of(job) and not job.request.writes:
+                job.not_before = min(now + 2 * pause(job), job.patient_until)  # the device may be busy
             self._queue.put(job, first=True)
             return True
         return self._read_back(job, now)
@@ -75,7 +80,8 @@ class Repeating:
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED, Reason.NONE)
 
     def _may_repeat(self, job: Job, now: float) -> bool:
-        return job.attempts <= self._retries_of(job) and job.slot is None and _is_wanted(job, now)
+        more = job.attempts <= self._retries_of(job) or now < job.patient_until
+        return more and job.slot is None and _is_wanted(job, now)
 
     def _read_back(self, job: Job, now: float) -> bool:
         """See whether a verified write was carried out. False if that is not asked for, or not any more."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from rs485bus.wire.answers import READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT
-from rs485bus.wire.frames import Request, read_holding, read_input
+from rs485bus.wire.frames import HIGHEST_ADDRESS, Request, read_holding, read_input
 
 SHARE = 0.02
 """The part of all time that may be spent on looking for lost units; as much again on those that come and go."""
@@ -21,6 +21,7 @@ IDLE_SHARE = 0.048
 IDLE_EVERY = 1.8
 """Seconds between two looks for the same unit on an idle bus."""
 _PLAIN_READS = (READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT)
+_PLACE_OF_A_READ = 5
 _KNOWN = 32
 """Requests that a unit has answered, of which it is remembered."""
 _PATIENCE = 0.75
@@ -59,7 +60,7 @@ class ProbeBudget:
 class AnsweredRequests:
     """What a unit has answered, and what it is asked to see whether it is there."""
 
-    __slots__ = ("_asked", "_known", "latest", "unanswered")
+    __slots__ = ("_asked", "_known", "_refused", "latest", "unanswered")
 
     def __init__(self) -> None:
         self.latest: Request | None = None
@@ -67,6 +68,7 @@ class AnsweredRequests:
         self.unanswered: Request | None = None
         """The read that it left unanswered last."""
         self._known: dict[bytes, None] = {}
+        self._refused: set[bytes] = set()
         self._asked = 0
 
     def __contains__(self, request: Request) -> bool:
@@ -81,7 +83,22 @@ class AnsweredRequests:
         known.pop(place, None)
         known[place] = None
         if len(known) > _KNOWN:
-            del known[next(iter(known))]
+            oldest = next(iter(known))
+            del known[oldest]
+            self._refused.discard(oldest)
+
+    def refused(self, request: Request) -> None:
+        """It answered this by an exception."""
+        self._refused.add(_place(request))
+
+    def shorter(self, address: int) -> Iterator[Request]:
+        """Reads of a part of what it has answered, the latest first; each from the same register on."""
+        for place in reversed(self._known):
+            function, register, count = place[0], int.from_bytes(place[1:3], "big"), int.from_bytes(place[3:5], "big")
+            read = {READ_HOLDING: read_holding, READ_INPUT: read_input}.get(function)
+            if read is not None and len(place) == _PLACE_OF_A_READ and place not in self._refused:
+                for less in range(count - 1, 0, -1):
+                    yield read(address, register, less, HIGHEST_ADDRESS)
 
     def next_probe(self, address: int, own: Sequence[Request]) -> Request:
         """What to ask next to see whether anybody answers: every other time what was answered last, else something

@@ -14,6 +14,7 @@ from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.motion import NEVER
 from rs485bus.bus.units.probing import IDLE_EVERY, IDLE_SHARE, AnsweredRequests, ProbeBudget
 from rs485bus.bus.units.reachability import Reachability
+from rs485bus.bus.units.reply_times import ReplyTimes
 from rs485bus.bus.watchdog.armed import Ledger
 from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.exceptions import Meaning, exception
@@ -30,6 +31,7 @@ class UnitState:
         "former",
         "halt",
         "heard_at",
+        "is_questioned",
         "is_stops_only",
         "lapsed",
         "late",
@@ -37,11 +39,14 @@ class UnitState:
         "ledger",
         "locked",
         "may_be_armed",
+        "misses_count_from",
         "pause",
         "probe",
+        "question",
         "reach",
         "rearm",
         "reply_timeout",
+        "reply_times",
         "restoring",
         "silent_until",
         "watchdog_ms",
@@ -60,6 +65,13 @@ class UnitState:
         self.reach = Reachability()
         self.heard_at = NEVER
         """When it was last heard, in time or late."""
+        self.reply_times = ReplyTimes()
+        self.question: Job | None = None
+        """What it was asked last instead of waiting for a reply that it owes."""
+        self.is_questioned = False
+        """That is under way."""
+        self.misses_count_from = NEVER
+        """An attempt sent earlier is no further evidence of its silence: it may be busy for as long as it may take."""
         self.halt: Halt | None = None
         """The stop that is not confirmed yet."""
         self.answers = AnsweredRequests()
@@ -196,7 +208,7 @@ class UnitStates:
             if unit is not self._in_passing:
                 self.listening.spend(listened, now)
             self._in_passing = None
-        elif unit.may_never_answer(request):
+        elif job is not unit.question and unit.may_never_answer(request):
             unit.reach.doubted(now, listened)
             if unit.reach.in_doubt:
                 self._doubted.add(unit)

@@ -113,7 +113,7 @@ async def test_a_status_polled_before_a_move_and_answered_late_never_ends_it() -
         sim.turnaround = None
         assert await x.move_to(5.0) == 5.0
         assert sim.shaft(now()) == pytest.approx(5.0)
-        assert x.bus.stats.units[1].late_replies == 1
+        assert x.bus.stats.units[1].late_replies >= 1
 
 
 # The drive restarts

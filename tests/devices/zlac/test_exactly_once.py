@@ -115,7 +115,7 @@ async def test_a_drive_that_falls_silent_at_the_start_is_stopped_and_moves_only_
         move = p.base.left.move_by(5.0)
         await p.sim.lost_all()
         p.sim.dead = True
-        await asyncio.sleep(1.5)
+        await asyncio.sleep(3.0)
         p.sim.dead = False
         with pytest.raises(OutcomeUnknown):
             await move

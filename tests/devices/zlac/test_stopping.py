@@ -307,7 +307,7 @@ async def test_a_drive_that_falls_silent_while_it_runs_is_stopped_as_soon_as_it_
         assert await p.standing_for(1.0)
         with pytest.raises((MotionError, OutcomeUnknown)):
             await run
-        with pytest.raises(RearmRequired):
+        with pytest.raises((RearmRequired, NotEnabled)):
             await p.base.left.run(10)
 
 

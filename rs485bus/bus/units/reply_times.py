@@ -1,0 +1,120 @@
+"""How long one unit takes to answer, learned from its answers. Pure.
+
+The way of TCP's retransmission timer (RFC 6298): a mean and a deviation. Karn's rule: an answer that may belong to an
+older attempt teaches nothing. A request that was missed waits longer from then on, until an answer to it is
+unmistakable again. All times are seconds from the end of a request's airtime to the begin of the reply.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections import OrderedDict
+
+from rs485bus.bus.schedule.job import Job, Urgency
+
+FLOOR = 0.001
+"""The shortest time a reply is waited for."""
+MARGIN = 0.0015
+"""What is added to every learned time."""
+_ENOUGH = 3
+"""Answers after which a learned time counts."""
+_GAIN = 1 / 8
+_DEVIATION_GAIN = 1 / 4
+_DEVIATIONS = 4
+_BACKOFF = 1.25
+_LONGEST = 10.0
+_SLOW_REQUESTS = 32
+"""How many requests are remembered that take longer than the others."""
+
+
+class RequestKind(enum.IntEnum):
+    """Requests of one kind take a unit about the same time."""
+
+    READ = 0
+    WRITE = 1
+    FEED = 2
+
+
+class _Estimate:
+    """A mean and a mean deviation."""
+
+    __slots__ = ("deviation", "mean", "samples")
+
+    def __init__(self) -> None:
+        self.mean = 0.0
+        self.deviation = 0.0
+        self.samples = 0
+
+    def learn(self, took: float) -> None:
+        if not self.samples:
+            self.mean, self.deviation = took, took / 4
+        else:
+            error = took - self.mean
+            self.mean += _GAIN * error
+            self.deviation += _DEVIATION_GAIN * (abs(error) - self.deviation)
+        self.samples += 1
+
+    @property
+    def wait(self) -> float:
+        return self.mean + _DEVIATIONS * self.deviation + MARGIN
+
+
+class ReplyTimes:
+    """The reply times of one unit.
+
+    A request is told apart from others of its kind only where it was missed: a register that the unit takes long for
+    does not slow the others down.
+    """
+
+    __slots__ = ("_kinds", "_slow")
+
+    def __init__(self) -> None:
+        self._kinds = (_Estimate(), _Estimate(), _Estimate())
+        self._slow: OrderedDict[bytes, float] = OrderedDict()
+        """How long requests are waited for that were missed, by their frames."""
+
+    def wait(self, job: Job, longest: float) -> float:
+        """How long the begin of the reply to the job's next attempt is waited for before others are served.
+
+        Args:
+            job: what is asked. It may have been missed before.
+            longest: the longest time the unit may take.
+        """
+        estimate = self._kinds[_kind(job)]
+        if estimate.samples < _ENOUGH:
+            return longest
+        wait = max(FLOOR, estimate.wait)
+        if self._slow:
+            wait = max(wait, self._slow.get(job.request.adu, 0.0))
+        return wait if wait < longest else longest
+
+    def answered(self, job: Job, took: float) -> None:
+        """A job was answered, unmistakably, after so many seconds."""
+        estimate = self._kinds[_kind(job)]
+        if self._slow and (key := job.request.adu) in self._slow:
+            if took + MARGIN > estimate.wait:
+                self._slow[key] = 1.5 * took + MARGIN
+                return
+            del self._slow[key]
+        estimate.learn(took)
+
+    def missed(self, job: Job) -> None:
+        """The job's latest attempt was not answered within the time it was waited for."""
+        estimate, key = self._kinds[_kind(job)], job.request.adu
+        if estimate.samples < _ENOUGH or job.backs_off:
+            return  # a question that backs off waits between its repetitions, not for each
+        self._slow[key] = min(_LONGEST, _BACKOFF * max(estimate.wait, self._slow.get(key, 0.0)))
+        self._slow.move_to_end(key)
+        if len(self._slow) > _SLOW_REQUESTS:
+            self._slow.popitem(last=False)
+
+    def learned(self, kind: RequestKind) -> float | None:
+        """How long such a request is waited for; None while that is not known."""
+        estimate = self._kinds[kind]
+        return max(FLOOR, estimate.wait) if estimate.samples >= _ENOUGH else None
+
+
+def _kind(job: Job) -> RequestKind:
+    if job.request.writes:
+        return RequestKind.WRITE
+    return RequestKind.FEED if job.urgency is Urgency.FEED else RequestKind.READ

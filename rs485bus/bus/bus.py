@@ -178,6 +178,8 @@ class Bus:
         stats = self._owner.journal.stats
         stats.airtime = self._owner.pair.airtime
         stats.elapsed = self._loop.time() - self._opened_at
+        for address, unit in stats.units.items():
+            unit.waits = self._owner.units[address].reply_times.waits()
         stats.echo = self._owner.pair.exchange.echo
         return stats
 

@@ -560,7 +560,7 @@ class Owner:
         if meaning is not None:
             unit.answers.refused(job.request)
         elif not job.unanswered and since == job.sent_at and self.now <= self.pair.deadline:
-            took = self.now - since - self.pair.line.airtime(len(job.request.adu) + len(frame))
+            took = self.now - since - self.pair.line.airtime(len(job.request.adu) + len(frame)) - self.pair.latency
             unit.reply_times.answered(job, took)
         if self.gate.silent:
             self.gate.silent.pop(unit, None)

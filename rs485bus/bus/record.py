@@ -66,6 +66,9 @@ class UnitStats:
     crc_errors: int = 0
     stray_bytes: int = 0
     late_replies: int = 0
+    waits: dict[str, float] = field(default_factory=dict)
+    """Seconds for which the begin of a reply is waited for before others are served, for "read", "write" and "feed", as
+    its answers have taught. What is not there yet waits for the reply timeout."""
     latencies: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES), repr=False)
 
     def latency(self, quantile: float) -> float:

@@ -12,6 +12,8 @@ from rs485bus.transport.interface import Transport
 
 _log = logging.getLogger("rs485bus")
 
+_LATE = 0.002
+"""Seconds by which the alarm may be late before what was received is read first."""
 BLOCKED = 0.25
 """Seconds by which the event loop may be late before it is said that something blocks it."""
 _SAID_EVERY = 10.0
@@ -41,6 +43,7 @@ class OwnerRunner:
         self._running = False
         self._again = False
         self._woken = False
+        self._is_drained = False
         self._wakes_at = float("inf")
 
     def received(self, data: bytes) -> None:
@@ -109,6 +112,13 @@ class OwnerRunner:
 
     def _wake(self) -> None:
         """The alarm went off."""
+        late = self._owner.pair.job is not None and self._loop.time() - self._wakes_at > _LATE
+        if late and not self._is_drained:
+            # The loop was held up. The reply may be there and not be read yet: that comes first.
+            self._is_drained = True
+            self._loop.call_soon(self._wake)
+            return
+        self._is_drained = False
         self._woken = True
         try:
             self.run()

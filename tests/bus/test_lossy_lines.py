@@ -165,3 +165,13 @@ def test_a_unit_that_is_read_one_register_at_a_time_is_asked_nothing_else() -> N
     begun = rig.now
     rig.done(rig.submit(read_holding(1, 0, 1)))
     assert rig.now - begun < 0.02
+
+
+def test_what_the_port_may_keep_back_is_not_taken_for_the_units_own_time() -> None:
+    rig, _ = taught()
+    quick = rig.owner.units[1].reply_times.waits()["read"]
+    rig, _ = taught()
+    rig.owner.pair.latency = 0.0015
+    for _ in range(40):
+        rig.done(rig.submit(read_holding(1, 0, 2)))
+    assert rig.owner.units[1].reply_times.waits()["read"] < quick

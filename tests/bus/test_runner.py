@@ -8,9 +8,14 @@ from collections.abc import Callable
 import pytest
 
 from rs485bus import Bus, BusConfig, MksServo
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.runner import OwnerRunner
+from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.errors import NotSent
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.transport import clock
+from rs485bus.wire.frames import crc, read_holding
+from rs485bus.wire.timing import LineSettings
 from tests.integration.support import virtual
 
 
@@ -82,3 +87,43 @@ def test_a_loop_that_was_blocked_is_logged_and_told_in_real_time(caplog: pytest.
         asyncio.run(main())
     assert "the event loop did not run for 0." in caplog.text
     assert "asyncio.to_thread" in caplog.text
+
+
+class Held:
+    """A transport whose alarm goes off when a test says so."""
+
+    name = "held"
+    line = LineSettings(baudrate=115200)
+    gateway = False
+    unsent = 0
+    lead = 0.0
+
+    def alarm(self, callback: Callable[[], None]) -> "Held":
+        self.goes_off = callback
+        return self
+
+    def set(self, when: float, *, likely: bool = True) -> None: ...
+
+    def learn(self, late: float) -> None: ...
+
+    def write(self, data: bytes) -> None: ...
+
+
+def test_a_reply_that_came_while_the_loop_was_blocked_is_read_before_it_is_missed() -> None:
+    async def main() -> None:
+        loop, transport = asyncio.get_running_loop(), Held()
+        owner = Owner(transport.line, BusConfig(echo=False, reply_timeout=0.01, retries=0), loop.time() - 1)
+        runner = OwnerRunner(owner, transport, loop)  # type: ignore[arg-type]
+        job = Job(read_holding(1, 0, 1))
+        owner.submit(job, loop.time())
+        runner.run()
+        assert job.attempts == 1
+        time.sleep(0.05)  # noqa: ASYNC251 - this is what it is about
+        transport.goes_off()
+        assert job.outcome is None
+        body = bytes.fromhex("01 03 02 00 07")
+        runner.received(body + crc(body))
+        assert job.outcome is Outcome.REPLY
+        await asyncio.sleep(0)
+
+    asyncio.run(main())

@@ -96,7 +96,7 @@ class ReplyTimes:
                 self._slow[key] = 1.5 * took + MARGIN
                 return
             del self._slow[key]
-        estimate.learn(took)
+        estimate.learn(max(0.0, took))
 
     def missed(self, job: Job) -> None:
         """The job's latest attempt was not answered within the time it was waited for."""
@@ -107,6 +107,11 @@ class ReplyTimes:
         self._slow.move_to_end(key)
         if len(self._slow) > _SLOW_REQUESTS:
             self._slow.popitem(last=False)
+
+    def waits(self) -> dict[str, float]:
+        """How long requests of each kind are waited for, in seconds, where that is known."""
+        learned = ((kind.name.lower(), self.learned(kind)) for kind in RequestKind)
+        return {name: wait for name, wait in learned if wait is not None}
 
     def learned(self, kind: RequestKind) -> float | None:
         """How long such a request is waited for; None while that is not known."""

@@ -226,7 +226,7 @@ async def test_the_value_of_a_choice_does_for_its_name() -> None:
         (("/dev/ttyUSB0", {"baudrate": 9600, "config": {"retries": 1}}), "config must be made like BusConfig"),
         (("socket://host:4196", {"baudrate": 0}), "baudrate 0 is outside"),
         (("socket://host:99999", {}), "should look like socket://"),
-        (("tcp://host:502", {}), r"'tcp://host:502' is no port; it must be a serial port .*'socket://host:4196'"),
+        (("ftp://host:502", {}), r"'ftp://host:502' is no port; it must be a serial port .*'socket://host:4196'"),
         (("", {"baudrate": 9600}), "'' is no port; it must be a serial port"),
         ((5, {"baudrate": 9600}), "port must be a serial port .*, or a transport, not 5"),
     ],

@@ -53,7 +53,14 @@ class Bus:
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._thread = threading.get_ident()
-        self._owner = Owner(transport.line, config, self._loop.time(), gateway=transport.gateway)
+        self._owner = Owner(
+            transport.line,
+            config,
+            self._loop.time(),
+            gateway=transport.gateway,
+            numbered=getattr(transport, "numbered", False),
+            native=getattr(transport, "native", False),
+        )
         self._owner.feeding.on_escape = warn_of
         self._owner.feeding.on_strain = warn_of_strain
         self._owner.on_released = lambda unit: restore_late(self._owner, unit)
@@ -180,6 +187,7 @@ class Bus:
         stats.elapsed = self._loop.time() - self._opened_at
         for address, unit in stats.units.items():
             unit.waits = self._owner.units[address].reply_times.waits()
+        stats.silence = self._owner.pair.silence
         stats.echo = self._owner.pair.exchange.echo
         return stats
 
@@ -330,8 +338,7 @@ class Bus:
         if job.outcome is Outcome.REPLY:
             return job.reply
         family = None if attached is None else attached.family
-        unit = self._owner.units[request.address]
-        raise failure(job, self.flight, family, self._port.trouble, str(self._port.programs), unit.explain)
+        raise failure(job, self.flight, family, self._port.trouble, self._port.advice)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""
@@ -422,6 +429,13 @@ class Bus:
         except BaseException:
             self._pump.close()
             raise
+        if self.config.silence is not None:
+            _log.warning(
+                "%s: %.2f ms of silence between frames, as configured, instead of the %.2f ms of Modbus (t3.5)",
+                self._transport.name,
+                1000 * self.config.silence,
+                1000 * self._transport.line.t35,
+            )
         self.spawn(self._keep(), "rs485bus keeper")
         self._pump.run()
 

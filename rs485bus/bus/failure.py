@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TypedDict
 
-from rs485bus.bus.line.diagnosis import CHECK, tell
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job, Outcome, Reason
 from rs485bus.bus.schedule.waiting import WHAT_TO_LOOK_FOR
@@ -97,12 +96,7 @@ class _Details(TypedDict):
 
 
 def failure(
-    job: Job,
-    records: Sequence[Record],
-    family: str | None = None,
-    port: str = "",
-    programs: str = "",
-    explain: Callable[[bytes], str] = lambda heard: "",
+    job: Job, records: Sequence[Record], family: str | None = None, port: str = "", advice: str = ""
 ) -> RequestFailed:
     """The exception that says how the job ended, for every end but a reply.
 
@@ -111,9 +105,7 @@ def failure(
         records: the latest transactions on the bus.
         family: what the device is taken for; None where it has no facade.
         port: why the port is away, and what to do about it; empty where it is there.
-        programs: which other programs read along at the port, and what to do about it; empty where none does.
-        explain: what some bytes mean that are no answer, or that there are none, in view of the device asked; empty
-            where that is nothing special.
+        advice: what explains that answers do not come; empty where nothing is known.
     """
     details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts, code=job.code)
     what = str(job.request)
@@ -125,16 +117,14 @@ def failure(
             why = f"the port is away, and is opened again by itself. {port.rstrip('.')}"
         return error(f"Not sent, {why}: {what}.", **details)
     again = f" It was not sent again, {_NOT_SENT[job.reason][1]}." if job.reason in _NOT_SENT else ""
-    again = _MEANWHILE.get(job.reason, again) + (programs and f" {programs}")
+    again = _MEANWHILE.get(job.reason, again) + (advice and f" {advice}")
     if job.outcome is Outcome.NO_REPLY:
         return NoReply(
-            f"No reply, {_sent(job)}: {what}.{again} {_check(job, explain)} The request may be repeated safely.",
-            **details,
+            f"No reply, {_sent(job)}: {what}.{again} {_check(job)} The request may be repeated safely.", **details
         )
-    came = _came(job, explain)
     return OutcomeUnknown(
         f"Nobody knows whether it was done, {_sent(job)}: {what}.{_seen(job)}{again} "
-        f"{came and came + ' '}Read back what the device did before you repeat it.",
+        "Read back what the device did before you repeat it.",
         records=records,
         **details,
     )
@@ -182,17 +172,11 @@ def _seen(job: Job) -> str:
     return f" Reading it back, {times}, did not show it." if job.read_backs else ""
 
 
-def _came(job: Job, explain: Callable[[bytes], str]) -> str:
-    """What came instead of an answer."""
-    rest = b"" if job.heard is None else job.heard.rest
-    return (rest and explain(rest)) or tell(job.request, job.heard)
-
-
-def _check(job: Job, explain: Callable[[bytes], str]) -> str:
-    """What came instead of an answer, and what to look at where nobody answers."""
-    if job.code is not None:
-        return (
-            "The gateway answers: check the device's power and address, and the gateway's wires A and B, baud rate and "
-            "parity, and its timeout."
-        )
-    return _came(job, explain) or " ".join(filter(None, (CHECK, explain(b""))))
+def _check(job: Job) -> str:
+    """What to look at where nobody answers."""
+    if job.code is None:
+        return "Check the device's power, address, baud rate and parity, and the wires A and B."
+    return (
+        "The gateway answers: check the device's power and address, and the gateway's wires A and B, baud rate and "
+        "parity, and its timeout."
+    )

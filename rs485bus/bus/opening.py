@@ -6,22 +6,17 @@ import os
 from collections.abc import Callable, Generator
 from types import TracebackType
 from typing import Any, Literal
-from urllib.parse import urlsplit
 
-from rs485bus.arguments import instance
+from rs485bus.arguments import flag, instance
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.port_urls import PORTS, Backend, transport_at
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.errors import StopUnconfirmed
 from rs485bus.transport.interface import Transport
-from rs485bus.transport.rtu_over_tcp import TcpTransport
-from rs485bus.transport.serial import SerialTransport
-from rs485bus.wire.timing import LineSettings, Parity
+from rs485bus.wire.timing import Parity
 
 _DEFAULT = BusConfig()
-_SLOWEST_USUAL = 9600
-"""What a gateway's pair is taken for, in bit/s, where nobody says: replies are waited for longer then, not shorter."""
-_PORTS = "a serial port ('/dev/ttyUSB0', 'COM3') or a gateway that speaks RTU over TCP ('socket://host:4196')"
 
 
 def open_bus(
@@ -30,6 +25,8 @@ def open_bus(
     baudrate: int | None = None,
     parity: Parity = "N",
     stopbits: Literal[1, 2] = 1,
+    backend: Backend | None = None,
+    native: bool = False,
     config: BusConfig = _DEFAULT,
 ) -> Opening:
     """Open the bus on a port.
@@ -38,16 +35,21 @@ def open_bus(
     left by an exception stops every axis that may move. `bus = await open_bus(...)` leaves that to `bus.aclose()`.
 
     Args:
-        port: a serial port ("/dev/ttyUSB0", "COM3"), an RTU-over-TCP gateway ("socket://host:4196"), or a transport,
-            as `rs485bus.sim.VirtualLine` is one.
+        port: a serial port ("/dev/ttyUSB0", "COM3"), a gateway that speaks RTU over TCP ("socket://host:4196") or
+            Modbus TCP ("tcp://host:502"), a URL of serialx ("rfc2217://host:port"), or a transport, as
+            `rs485bus.sim.VirtualLine` is one.
         baudrate: bit/s. A serial port needs it said: MKS drives are shipped at 38400, ZLAC and TL-R at 115200. Behind
             a gateway it is only used to know how long bytes take.
         parity: "N", "E" or "O".
         stopbits: 1 or 2.
+        backend: the package that opens a serial port: "pyserial", or "serialx" (an extra).
+        native: what is at "tcp://..." is the device itself, not a gateway with a pair behind it. Then nothing waits
+            for late replies: they bear the number of their request.
         config: how the bus behaves.
 
     Raises:
         ValueError: a setting out of range, a port that cannot be one, or a serial port without a baud rate.
+        NotSupported: serialx is asked for and not installed.
         TypeError: an argument of a wrong type.
         PortError: when it is entered or awaited; the message says what to do.
     """
@@ -56,35 +58,15 @@ def open_bus(
         port = os.fspath(port)
     if not isinstance(port, str):
         if not hasattr(port, "alarm"):
-            raise TypeError(f"port must be {_PORTS}, or a transport, not {port!r}")
+            raise TypeError(f"port must be {PORTS}, or a transport, not {port!r}")
         return Opening(lambda: port, config)
-    scheme, separator, _ = port.partition("://")
-    if separator and scheme == "socket":
-        host, number = _gateway(port)
-        rate = _SLOWEST_USUAL if baudrate is None else baudrate
-        line = LineSettings(baudrate=rate, parity=parity, stopbits=stopbits)
-        return Opening(lambda: TcpTransport(host, number, line), config)
-    if separator or not port.strip():
-        raise ValueError(f"{port!r} is no port; it must be {_PORTS}")
-    if baudrate is None:
-        raise ValueError(
-            f"Say the baud rate of {port}: MKS drives are shipped at 38400 bit/s, ZLAC and TL-R at 115200. "
-            "A wrong one fails silently."
-        )
-    line = LineSettings(baudrate=baudrate, parity=parity, stopbits=stopbits)
-    return Opening(lambda: SerialTransport(port, line, rs485_direction=config.rs485_direction), config)
-
-
-def _gateway(url: str) -> tuple[str, int]:
-    """The host and the port of a gateway."""
-    parts = urlsplit(url)
-    try:
-        host, number = parts.hostname, parts.port
-    except ValueError:  # no port has that number
-        host = number = None
-    if not host or not number:
-        raise ValueError(f"{url!r} names no host and port; it should look like socket://192.168.1.10:4196")
-    return host, number
+    if backend not in (None, "pyserial", "serialx"):
+        raise ValueError(f"backend {backend!r} is neither 'pyserial' nor 'serialx'")
+    flag("native", native)
+    make = transport_at(
+        port, baudrate=baudrate, parity=parity, stopbits=stopbits, backend=backend, native=native, config=config
+    )
+    return Opening(make, config)
 
 
 class Opening:

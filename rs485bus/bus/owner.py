@@ -34,7 +34,7 @@ from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.bus.watchdog.maker import WatchdogMaker
 from rs485bus.bus.watchdog.register_writes import RegisterWrites
-from rs485bus.wire.exceptions import Meaning, is_a_gateways
+from rs485bus.wire.exceptions import Meaning, is_a_gateways, is_exception
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 from rs485bus.wire.timing import LineSettings
@@ -44,6 +44,7 @@ T = TypeVar("T")
 _log = logging.getLogger("rs485bus")
 
 FOREVER = float("inf")
+_LATE = (Kind.LATE, Kind.LATE_EXCEPTION)
 _STOPS = (Urgency.STOP,)
 _SOON = (Urgency.FEED, Urgency.CONFIRM)
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
@@ -59,23 +60,36 @@ class Owner:
         config: how the bus behaves.
         now: the time.
         gateway: a TCP gateway does the framing; replies may overtake each other behind it.
+        numbered: it tells which request it answers (Modbus TCP).
+        native: what answers is the device itself, so that no reply is taken for another's.
     """
 
-    def __init__(self, line: LineSettings, config: BusConfig, now: float, *, gateway: bool = False) -> None:
+    def __init__(
+        self,
+        line: LineSettings,
+        config: BusConfig,
+        now: float,
+        *,
+        gateway: bool = False,
+        numbered: bool = False,
+        native: bool = False,
+    ) -> None:
         self.config = config
         self.now = now
+        self._native = native
         self.send_at = now
         """When the frame that `tick` returned is to be sent."""
         self.one_way_ends_at = FOREVER
         """When the latest frame that nobody answers (a broadcast) must have gone out; infinity where none is out."""
         self.journal = Journal()
-        silence = config.tcp_gap if gateway else line.t35
+        silence = config.silence_on(line, gateway) * (not numbered)
+        echo = False if numbered else None if config.echo == "auto" else config.echo
         self.feeding = Feeding(line.budget(_BROADCAST, config.turnaround, 0) + silence)
-        self.units = UnitStates(
-            config.in_order and not gateway, config.reply_timeout, config.late_reply_window_of(gateway)
-        )
+        window = config.late_reply_window_of(gateway)
+        in_order = config.in_order and not gateway
+        self.units = UnitStates(in_order, config.reply_timeout, window, native=native)
         self.watchdogs = WatchdogMaker(line, silence, self.journal)
-        self.pair = SerialLine(line, silence, None if config.echo == "auto" else config.echo, now)
+        self.pair = SerialLine(line, silence, echo, now)
         self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
         self._register_writes = RegisterWrites(self.feeding, self.gate.hearing, self.watchdogs.make)
         self._queue = Queue()
@@ -104,7 +118,7 @@ class Owner:
     def submit(self, job: Job, now: float) -> None:
         """Take a job. How it ends is told through `job.on_end`, which may be at once."""
         job.queued_at = self.now = now
-        job.outcome = job.code = job.heard = None
+        job.outcome = job.code = None
         reason = self.gate.refusal(job)
         if self._queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
             reason = Reason.QUEUE_FULL
@@ -155,6 +169,22 @@ class Owner:
             self._wake = min(self._wake, self._look_at())
         elif self.pair.is_brief:
             self._wake = min(self._wake, self.pair.wait_until())
+
+    def feed_late(self, frame: bytes, asked: object, now: float) -> None:
+        """A frame was received that answers an older request than the latest: the job `asked`, as its number tells."""
+        self.now = now
+        unit = self.units[frame[0]]
+        if self._native and isinstance(asked, Job) and asked.outcome is None and asked.request.answered_by(frame):
+            # The device itself says so: it is the answer to what waits to be sent again, or for the end of its time.
+            if self._lingering.leaves(asked) or self._queue.remove(asked):
+                asked.answered_since, asked.reply = asked.queued_at, frame
+                self.units.heard(unit, now)
+                self._end(asked, Outcome.REPLY)
+        elif is_exception(frame):
+            self._came_late(Kind.LATE_EXCEPTION, unit, None, frame)
+        else:
+            owed = (owed.request for owed in unit.late if owed.job is asked and owed.request.answered_by(frame))
+            self._came_late(Kind.LATE, unit, next(owed, None), frame)
 
     def tick(self, now: float, lead: float = 0.0) -> bytes | None:
         """Do what is due; return the next frame to send, if there is one.
@@ -514,30 +544,34 @@ class Owner:
     def _take(self, received: Received) -> None:
         kind, request, frame = received
         unit = self.units[request.address]
-        if kind is Kind.LATE_EXCEPTION:
-            self.journal.unit(unit.address).late_replies += 1
-            unit.heard_at = self.now
-            unit.late.excepted(request.function, frame)
-            self._heard_of(unit, frame)
-        elif kind is Kind.LATE:
-            # It is delivered to nobody; but whoever answers late is there, and heard what was asked then.
-            self.journal.unit(unit.address).late_replies += 1
-            self.units.heard(unit, self.now)
-            unit.heard_at = self.now
-            hurry(unit, self.now)
-            waiting = unit.late.waiting(request, frame)
-            if (since := unit.late.arrived(request, frame)) is not None:
-                self.feeding.heard(unit.address, since)
-                if waiting is not None and (self._lingering.leaves(waiting) or self._queue.remove(waiting)):
-                    waiting.answered_since, waiting.reply = since, frame
-                    self._end(waiting, Outcome.REPLY)
+        if kind in _LATE:
+            self._came_late(kind, unit, request, frame)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
             unit.late.expire(self.now)
             if kind is Kind.NORMAL or not unit.late.leaves_undecided(job, frame):
                 self._answered(job, unit, kind, frame)
             else:
-                self.pair.exchange.pass_over(frame)
                 self._heard_of(unit, frame)
+
+    def _came_late(self, kind: Kind, unit: UnitState, request: Request | None, frame: bytes) -> None:
+        """A late reply came, to a request that is owed one; None if no such is owed. It is delivered to nobody but the
+        same job, which waits to be sent again. But whoever answers late is there, and heard what was asked then."""
+        self.journal.unit(unit.address).late_replies += 1
+        unit.heard_at = self.now
+        if kind is Kind.LATE_EXCEPTION:
+            unit.late.excepted(frame[1] & 0x7F, frame)
+            self._heard_of(unit, frame)
+            return
+        self.units.heard(unit, self.now)
+        hurry(unit, self.now)
+        if request is None:
+            return
+        waiting = unit.late.waiting(request, frame)
+        if (since := unit.late.arrived(request, frame)) is not None:
+            self.feeding.heard(unit.address, since)
+            if waiting is not None and (self._lingering.leaves(waiting) or self._queue.remove(waiting)):
+                waiting.answered_since, waiting.reply = since, frame
+                self._end(waiting, Outcome.REPLY)
 
     def _heard_of(self, unit: UnitState, frame: bytes) -> None:
         """A frame came that ended nothing. It tells that the unit is there, unless a gateway says that it is not."""
@@ -591,7 +625,6 @@ class Owner:
         unit = self.units[job.address]
         job.unanswered += 1
         in_doubt = how == "no reply" and self.pair.exchange.is_in_doubt
-        job.heard = self.pair.exchange.heard() or job.heard
         owed_until = max(self.pair.owed_until, self.now)
         self.units.owes(unit, job, owed_until)
         self._note(job, frame, how, self.now)

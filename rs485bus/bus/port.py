@@ -35,6 +35,8 @@ class Port:
     def __init__(self, transport: Transport, owner: Owner, runner: OwnerRunner, config: BusConfig) -> None:
         self.received = runner.received
         """Bytes came in."""
+        self.answered = runner.answered
+        """A frame came in, with a number that tells what it answers."""
         runner.drop = self.drop
         self.programs = OtherPrograms(transport)
         owner.journal.missed = self.programs.missed
@@ -69,8 +71,14 @@ class Port:
     @property
     def trouble(self) -> str:
         """Why the port is away, or comes for moments only, and what to do about it; empty if it is there."""
-        there = self._is_open and (self._was_of_use or self._answered() != self._answers)
+        there = self._is_open and (self._was_of_use or self._count_answers() != self._answers)
         return "" if there else self._trouble
+
+    @property
+    def advice(self) -> str:
+        """What explains that answers do not come, and what to do about it; empty if nothing is known."""
+        silent = "" if self._count_answers() else getattr(self._transport, "silent_hint", "")
+        return str(self.programs) or getattr(self._transport, "diagnosis", "") or silent
 
     def listen(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Have `callback` called on the event loop whenever the port is lost. Returns a function that ends that."""
@@ -109,7 +117,7 @@ class Port:
         self._stop_timer()
         now = self._loop.time()
         stood = now - self._opened_at >= self._config.reopen_max
-        self._was_of_use = stood or self._answered() != self._answers
+        self._was_of_use = stood or self._count_answers() != self._answers
         if self._was_of_use:
             self._pause = self._config.reopen_min
         self._say_lost(error, now, aloud=stood or now - self._said_at >= SAID_EVERY)
@@ -134,7 +142,8 @@ class Port:
         self._is_open, self._dropped = True, ""
         self.programs.look()
         self._opened_at = self._loop.time()
-        self._answers = self._answered()
+        self._answers = self._count_answers()
+        self._owner.pair.latency = getattr(self._transport, "receive_latency", 0.0)
         return self._lost_while_opening
 
     def _try_later(self) -> None:
@@ -176,7 +185,7 @@ class Port:
         self._owner.plugged(self._loop.time())
         self._runner.run()
 
-    def _answered(self) -> int:
+    def _count_answers(self) -> int:
         """How many answers the bus has had."""
         units = self._owner.journal.stats.units.values()
         return sum(unit.replies + unit.refusals + unit.late_replies for unit in units)

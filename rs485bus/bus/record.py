@@ -89,6 +89,8 @@ class BusStats:
     """Seconds in which bytes were on the pair."""
     elapsed: float = 0.0
     """Seconds since the bus was opened."""
+    silence: float = 0.0
+    """Seconds of silence kept between frames."""
     echo: bool | None = None
     """Whether the adapter returns what is sent; None while that is not known."""
 

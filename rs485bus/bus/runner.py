@@ -35,6 +35,7 @@ class OwnerRunner:
         self._loop = loop
         self.drop: Callable[[str], None] = lambda reason: transport.abort()
         """Gives the connection up, for a reason."""
+        self._ask: Callable[[bytes, object], None] | None = getattr(transport, "ask", None)
         self.blocked: Callable[[float], None] = lambda seconds: None
         """Told for how many seconds the event loop did not run while it had to."""
         self._suspensions = Suspensions(loop)
@@ -55,6 +56,15 @@ class OwnerRunner:
         finally:
             self._running = running
         self.look()
+
+    def answered(self, frame: bytes, asked: object) -> None:
+        """A frame came in, with a number that tells which job it answers; None where that is not known."""
+        job = self._owner.pair.job
+        if job is not None and job is asked:
+            self.received(frame)
+        else:
+            self._owner.feed_late(frame, asked, self._loop.time())
+            self.look()
 
     def look(self) -> None:
         """The owner may have to be woken sooner than it was to be."""
@@ -95,7 +105,10 @@ class OwnerRunner:
                         self._woken = False
                     while loop.time() < owner.send_at:
                         pass  # less than the alarm's lead
-                    transport.write(frame)
+                    if self._ask is None:
+                        transport.write(frame)
+                    else:
+                        self._ask(frame, owner.pair.job)
                 if not self._again:
                     break  # after a frame there is a silence: there is nothing more to send
             self._set_alarm(owner.wake)

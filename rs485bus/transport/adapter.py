@@ -9,6 +9,7 @@ import os
 from dataclasses import dataclass, field, replace
 
 from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from rs485bus.errors import PortNotFound
 
@@ -76,16 +77,20 @@ def _is_same(adapter: Adapter, other: Adapter) -> bool:
     return adapter.identity == (other if adapter.serial_number else replace(other, serial_number=None)).identity
 
 
+def plugged_in() -> list[ListPortInfo]:
+    """The serial ports that are there, as far as the system tells."""
+    try:
+        return list(list_ports.comports())
+    except (OSError, TypeError, ValueError):  # one was pulled out while it was looked at
+        return []
+
+
 def _adapters() -> dict[str, Adapter]:
     """The adapters that are plugged in, by the real paths of their ports."""
-    try:
-        ports = list_ports.comports()
-    except (OSError, TypeError, ValueError):  # one was pulled out while it was looked at
-        return {}
     return {
         os.path.realpath(port.device): Adapter(
             port.vid, port.pid, port.serial_number or None, port.location, port.description
         )
-        for port in ports
+        for port in plugged_in()
         if port.serial_number or (port.vid is not None and port.location)
     }

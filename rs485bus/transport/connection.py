@@ -29,6 +29,12 @@ class Connection(SinkProtocol):
     """Made by `connect`. It ends by a reset where something is unsent: the system would go on sending it."""
 
     transport: asyncio.Transport
+    latest = b""
+    """The bytes that came last."""
+
+    def data_received(self, data: bytes) -> None:
+        self.latest = data
+        self._sink.received(data)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)

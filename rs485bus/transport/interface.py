@@ -11,7 +11,10 @@ from rs485bus.wire.timing import LineSettings
 
 
 class Sink(Protocol):
-    """Who is told what the transport receives."""
+    """Who is told what the transport receives.
+
+    A bus has `answered(frame, asked)`, too: an RTU frame came in that answers what was sent by `ask(..., asked)`.
+    """
 
     def received(self, data: bytes) -> None:
         """Bytes came in."""
@@ -21,7 +24,13 @@ class Sink(Protocol):
 
 
 class Transport(Protocol):
-    """A way to one pair of wires. Everything is called in the event loop's thread."""
+    """A way to one pair of wires. Everything is called in the event loop's thread.
+
+    What a transport may have besides: `receive_latency`, seconds for which received bytes are held back; `numbered`,
+    with `ask(data, asked)` instead of `write(data)`, where an answer tells what it answers, and `native` where that is
+    certain; `readers()`, which programs read along (called in a thread); and for messages `diagnosis`, `silent_hint`
+    and `hang_up_hint`.
+    """
 
     name: str
     """What people call it: the port's path, say."""

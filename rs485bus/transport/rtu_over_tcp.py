@@ -8,6 +8,7 @@ from collections.abc import Callable
 from rs485bus.transport.alarm import Alarm, make_alarm
 from rs485bus.transport.connection import Connection, connect
 from rs485bus.transport.interface import Sink
+from rs485bus.wire.mbap import looks_like_mbap
 from rs485bus.wire.timing import LineSettings
 
 
@@ -30,10 +31,23 @@ class TcpTransport:
 
     def __init__(self, host: str, port: int, line: LineSettings) -> None:
         self.name = f"socket://{host}:{port}"
+        self._other_mode = f"tcp://{host}:{port}"
         self.line = line
         self._host = host
         self._port = port
         self._connection: Connection | None = None
+
+    @property
+    def silent_hint(self) -> str:
+        """What to do where it never answers."""
+        return f"If the gateway is set to Modbus TCP, open {self._other_mode} instead."
+
+    @property
+    def diagnosis(self) -> str:
+        """What has come that explains why answers do not; empty if nothing has."""
+        if self._connection is None or not looks_like_mbap(self._connection.latest):
+            return ""
+        return f"{self.name} answers in Modbus TCP frames, not in RTU: open {self._other_mode} instead."
 
     async def open(self, sink: Sink) -> None:
         """Connect. Raises `PortError`, which says what to do."""

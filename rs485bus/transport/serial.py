@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import logging
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import serial
 import serial.rs485
 import serial_asyncio
-from serial.tools import list_ports
 
 from rs485bus.errors import PortBusy, PortError, PortNotFound, PortPermissionDenied
-from rs485bus.transport.adapter import Adapter, adapter_at, find_again
+from rs485bus.transport.adapter import Adapter, adapter_at, find_again, plugged_in
 from rs485bus.transport.alarm import Alarm, make_alarm
 from rs485bus.transport.holders import holders, others
 from rs485bus.transport.interface import Sink, SinkProtocol
@@ -24,9 +25,13 @@ from rs485bus.transport.worker import in_thread
 from rs485bus.wire.timing import LineSettings
 
 try:
+    import termios
     from termios import error as _termios_error
 except ImportError:  # Windows
     _termios_error = OSError  # type: ignore[misc,assignment]
+
+Direction = bool | serial.rs485.RS485Settings
+"""Whether the kernel switches the direction by RTS; as the settings say where there are any."""
 
 _FTDI = 0x0403
 _FTDI_LATENCY = 0.016
@@ -60,6 +65,34 @@ class _Port(serial.Serial):
             _log.debug("%s: %s", self.port, error)
 
 
+class Opener(Protocol):
+    """What opens a port: a package for serial ports."""
+
+    async def __call__(
+        self,
+        find: Callable[[], str],
+        opened: Callable[[str], None],
+        line: LineSettings,
+        direction: Direction,
+        protocol: asyncio.Protocol,
+    ) -> tuple[asyncio.WriteTransport, int]:
+        """Open a port exclusively.
+
+        Args:
+            find: returns its path. Blocks.
+            opened: to be called with the path when it is open. Blocks.
+            line: how characters travel.
+            direction: whether and how the kernel switches the direction.
+            protocol: is told what comes in.
+
+        Returns:
+            A transport, and the file descriptor; -1 where there is none.
+
+        Raises:
+            PortError: it says what to do.
+        """
+
+
 class SerialTransport:
     """A serial port.
 
@@ -67,12 +100,13 @@ class SerialTransport:
         port: its path or name: "/dev/ttyUSB0", "COM3".
         line: how characters travel.
         rs485_direction: let the kernel switch the direction by RTS (TIOCSRS485); with settings, as they say.
+        opener: opens it; pyserial where none is given.
     """
 
     gateway = False
 
     def __init__(
-        self, port: str, line: LineSettings, *, rs485_direction: bool | serial.rs485.RS485Settings = False
+        self, port: str, line: LineSettings, *, rs485_direction: Direction = False, opener: Opener | None = None
     ) -> None:
         self.name = port
         self.line = line
@@ -80,7 +114,8 @@ class SerialTransport:
         """Seconds for which the adapter may hold received bytes back, as far as the system tells."""
         self._path = port
         self._rs485_direction = rs485_direction
-        self._transport: serial_asyncio.SerialTransport | None = None
+        self._opener = opener or _open_with_pyserial
+        self._transport: asyncio.WriteTransport | None = None
         self._protocol: SinkProtocol | None = None
         self._fd = -1
         self._adapter: Adapter | None = None
@@ -92,26 +127,21 @@ class SerialTransport:
         Raises:
             PortError: it says what to do.
         """
-        port = await in_thread(self._open, lambda port: port.close())
         protocol = self._protocol = SinkProtocol(sink)
-        loop = asyncio.get_running_loop()
-        try:
-            self._transport, _ = await serial_asyncio.connection_for_serial(loop, lambda: protocol, port)
-        except (OSError, ValueError, _termios_error) as error:
-            port.close()
-            raise _explained(self.name, self.line, error) from error
-        self._fd = port.fileno() if os.name == "posix" else -1
+        self._transport, self._fd = await self._opener(
+            self._find, self._opened, self.line, self._rs485_direction, protocol
+        )
 
-    def _open(self) -> _Port:
-        """Open it, in a worker thread: it may take its time."""
-        path = self._path = self.name if self._adapter is None else find_again(self._adapter, self.name)
-        port = _open(path, self.line, self._rs485_direction)
+    def _find(self) -> str:
+        return self.name if self._adapter is None else find_again(self._adapter, self.name)
+
+    def _opened(self, path: str) -> None:
+        self._path = path
         if not self._was_open:
             self._adapter, self._was_open = adapter_at(self.name), True
         if path != self.name:
             _log.warning("%s is %s now: it is the same adapter", self.name, path)
-        self.receive_latency = _receive_latency(port, self._rs485_direction, self._adapter)
-        return port
+        self.receive_latency = _receive_latency(path, self._rs485_direction, self._adapter)
 
     def readers(self) -> list[str]:
         """Other programs that have the port open, too, such as "cat (process 123)". It takes some time."""
@@ -136,22 +166,82 @@ class SerialTransport:
 
     @property
     def unsent(self) -> int:
-        return 0 if self._transport is None else int(self._transport.get_write_buffer_size())
+        return 0 if self._transport is None else self._transport.get_write_buffer_size()
 
     def abort(self) -> None:
         if self._transport is not None:
+            self._drop_unsent()
             self._transport.abort()
 
     async def close(self) -> None:
+        self._drop_unsent()
         transport, self._transport, self._fd = self._transport, None, -1
         if transport is not None and self._protocol is not None:
             await self._protocol.close(transport)
+
+    def _drop_unsent(self) -> None:
+        """Closing would wait until it is sent."""
+        if self._fd >= 0 and self._transport is not None and not self._transport.is_closing():
+            with contextlib.suppress(OSError, _termios_error):
+                termios.tcflush(self._fd, termios.TCOFLUSH)
 
     def alarm(self, callback: Callable[[], None]) -> Alarm:
         return make_alarm(asyncio.get_running_loop(), callback)
 
 
-def _open(name: str, line: LineSettings, rs485_direction: bool | serial.rs485.RS485Settings) -> _Port:
+async def _open_with_pyserial(
+    find: Callable[[], str],
+    opened: Callable[[str], None],
+    line: LineSettings,
+    direction: Direction,
+    protocol: asyncio.Protocol,
+) -> tuple[asyncio.WriteTransport, int]:
+    """Open a port as `Opener` says. All that may take its time is done in a worker thread."""
+
+    def open_port() -> _Port:
+        path = find()
+        port = _open(path, line, direction)
+        try:
+            check_taken(_descriptor(port), path, line)
+            opened(path)
+        except BaseException:
+            port.close()
+            raise
+        return port
+
+    port = await in_thread(open_port, lambda port: port.close())
+    loop = asyncio.get_running_loop()
+    try:
+        transport, _ = await serial_asyncio.connection_for_serial(loop, lambda: protocol, port)
+    except (OSError, ValueError, _termios_error) as error:
+        port.close()
+        raise explained(str(port.port), line, error) from error
+    return transport, _descriptor(port)
+
+
+def _descriptor(port: _Port) -> int:
+    return int(port.fileno()) if os.name == "posix" else -1
+
+
+def check_taken(fd: int, path: str, line: LineSettings) -> None:
+    """Refuse a port whose driver did not take the parity or the stop bits: it may keep that to itself.
+
+    Raises:
+        PortError: it did not.
+    """
+    if fd < 0:
+        return
+    try:
+        flags = termios.tcgetattr(fd)[2]
+    except (OSError, _termios_error) as error:
+        raise explained(path, line, error) from error
+    taken = ("O" if flags & termios.PARODD else "E") if flags & termios.PARENB else "N"
+    stopbits = 2 if flags & termios.CSTOPB else 1
+    if (taken, stopbits, flags & termios.CSIZE) != (line.parity, line.stopbits, termios.CS8):
+        raise explained(path, line, ValueError(f"its driver keeps to 8{taken}{stopbits}"))
+
+
+def _open(name: str, line: LineSettings, rs485_direction: Direction) -> _Port:
     try:
         port = _Port(
             name,
@@ -163,17 +253,14 @@ def _open(name: str, line: LineSettings, rs485_direction: bool | serial.rs485.RS
             exclusive=True,
         )
     except (OSError, ValueError, _termios_error) as error:
-        raise _explained(name, line, error) from error
+        raise explained(name, line, error) from error
     try:
         if rs485_direction:
             settings = serial.rs485.RS485Settings() if rs485_direction is True else rs485_direction
             setattr(port, "rs485_mode", settings)  # noqa: B010 - typed as a method
     except (OSError, ValueError, NotImplementedError) as error:
         port.close()
-        raise PortError(
-            f"{name} cannot switch the direction of RS-485 by itself ({error}). "
-            "Leave rs485_direction off for adapters that do it in hardware."
-        ) from error
+        raise no_direction(name, error) from error
     _hurry(port)
     return port
 
@@ -186,10 +273,10 @@ def _hurry(port: _Port) -> None:
         _log.debug("%s: no low-latency mode: %s", port.port, error)
 
 
-def _receive_latency(port: _Port, rs485_direction: bool | serial.rs485.RS485Settings, adapter: Adapter | None) -> float:
+def _receive_latency(path: str, rs485_direction: Direction, adapter: Adapter | None) -> float:
     """Seconds by which a reply may be seen later than it came; warn where it is many."""
     waits = 0.0 if isinstance(rs485_direction, bool) else rs485_direction.delay_before_tx or 0.0
-    timer = _latency_timer(str(port.port))
+    timer = _latency_timer(path)
     try:
         latency = int(timer.read_text())
     except (OSError, ValueError):
@@ -199,7 +286,7 @@ def _receive_latency(port: _Port, rs485_direction: bool | serial.rs485.RS485Sett
         _log.warning(
             "%s hands received bytes over only every %d ms, which slows every request down. "
             "Mend it with: echo 1 | sudo tee %s",
-            port.port,
+            path,
             latency,
             timer,
         )
@@ -211,12 +298,20 @@ def _latency_timer(port: str) -> Path:
     return Path(f"/sys/bus/usb-serial/devices/{Path(port).resolve().name}/latency_timer")
 
 
-def _explained(name: str, line: LineSettings, error: Exception) -> PortError:
+def no_direction(name: str, error: Exception) -> PortError:
+    """What to do where the driver does not switch the direction."""
+    return PortError(
+        f"{name} cannot switch the direction of RS-485 by itself ({error}). "
+        "Leave rs485_direction off for adapters that do it in hardware."
+    )
+
+
+def explained(name: str, line: LineSettings, error: Exception) -> PortError:
     """The same error, with what a person can do about it."""
     number = getattr(error, "errno", None)
     text = str(error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFoundError" in text:
-        there = ", ".join(port.device for port in list_ports.comports()) or "none"
+        there = ", ".join(port.device for port in plugged_in()) or "none"
         return PortNotFound(f"There is no port {name}. Ports of this machine: {there}.")
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
         held = ", ".join(f"{program} (process {number})" for number, program in sorted(holders(name).items()))

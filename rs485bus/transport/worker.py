@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import _thread
 import asyncio
-import threading
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -13,8 +13,8 @@ T = TypeVar("T")
 async def in_thread(function: Callable[[], T], undo: Callable[[T], None]) -> T:
     """Call a function that blocks.
 
-    The thread is a daemon that nobody waits for. A pool's would stay, and would keep a program from ending whose event
-    loop ended out of turn, as it does when a task raises `SystemExit`.
+    Nobody waits for the thread, neither now nor at the end. A pool's would stay, and would keep a program from ending
+    whose event loop ended out of turn, as it does when a task raises `SystemExit`.
 
     Args:
         function: what to call.
@@ -39,7 +39,7 @@ async def in_thread(function: Callable[[], T], undo: Callable[[T], None]) -> T:
             return False
         return True
 
-    threading.Thread(target=call, name="rs485bus opening a port", daemon=True).start()
+    _thread.start_new_thread(call, ())
     try:
         return await returned
     except asyncio.CancelledError:

@@ -56,6 +56,11 @@ class LineSettings:
         object.__setattr__(self, "t15", _FIXED_T15 if fast else 1.5 * specified)
         object.__setattr__(self, "t35", _FIXED_T35 if fast else 3.5 * specified)
 
+    @property
+    def shortest_silence(self) -> float:
+        """1.5 characters, in seconds: a shorter silence may occur within a frame, whatever the devices take."""
+        return 1.5 * _SPECIFIED_BITS / self.baudrate
+
     def airtime(self, length: int) -> float:
         """Seconds that `length` bytes occupy the pair."""
         return length * self.character

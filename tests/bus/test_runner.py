@@ -127,3 +127,16 @@ def test_a_reply_that_came_while_the_loop_was_blocked_is_read_before_it_is_misse
         await asyncio.sleep(0)
 
     asyncio.run(main())
+
+
+def test_the_receive_latency_of_the_port_is_known_to_the_owner() -> None:
+    @virtual
+    async def main() -> None:
+        line = VirtualLine(SimUnit(1, {0: 7}))
+        line.receive_latency = 0.016  # type: ignore[attr-defined]
+        bus = Bus(line, BusConfig())
+        await bus.open()
+        assert bus.owner.pair.latency == 0.016
+        await bus.aclose()
+
+    main()

@@ -7,12 +7,15 @@ import socket
 import struct
 import sys
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack
+from pathlib import Path
 
 import pytest
 
 from rs485bus import Bus, BusConfig, open_bus
-from rs485bus.errors import NotSent, OutcomeUnknown
-from tests.real.support import in_real_time
+from rs485bus.errors import NoReply, NotSent, OutcomeUnknown, PortNotFound
+from rs485bus.sim import SimUnit, VirtualLine
+from tests.real.support import free_port, in_real_time, needs, posix, running
 
 
 class Gateway:
@@ -139,5 +142,84 @@ def test_what_is_under_way_and_not_acknowledged_yet_is_not_unsent(gateway: Gatew
                 await asyncio.sleep(0.001)
             assert _queued(wire._connection.transport.get_extra_info("socket"), _SIOCOUTQ)  # type: ignore[attr-defined]
             assert wire.unsent == 0
+
+    in_real_time(main)
+
+
+RTU_ANSWER = bytes.fromhex("01 03 02 12 34 B5 33")
+
+
+@pytest.mark.parametrize(
+    ("ours", "other", "answer", "said"),
+    [
+        ("tcp", "socket", RTU_ANSWER, "answers in RTU frames, not in Modbus TCP: open socket://127.0.0.1:"),
+        (
+            "socket",
+            "tcp",
+            bytes.fromhex("0103 0000 0003 840A 01"),
+            "answers in Modbus TCP frames, not in RTU: open tcp://",
+        ),
+        ("tcp", "socket", b"", r"set to raw TCP \(RTU over TCP, transparent\), open socket://127.0.0.1:"),
+        ("socket", "tcp", b"", "set to Modbus TCP, open tcp://127.0.0.1:"),
+    ],
+)
+def test_a_gateway_that_is_set_to_another_mode_is_told_with_what_to_open_instead(
+    gateway: Gateway, ours: str, other: str, answer: bytes, said: str
+) -> None:
+    async def main() -> None:
+        port = gateway.url.rpartition(":")[2]
+        async with open_bus(f"{ours}://127.0.0.1:{port}", config=BusConfig(retries=0)) as bus:
+            connection = await gateway.accept()
+            reading = asyncio.create_task(bus.unit(1).read_holding_registers(0))
+            await asyncio.get_running_loop().sock_recv(connection, 256)
+            connection.send(answer)
+            with pytest.raises(NoReply, match=said):
+                await reading
+
+    in_real_time(main)
+
+
+SER2NET = """connection: &c
+  accepter: telnet(rfc2217),tcp,127.0.0.1,{number}
+  connector: serialdev,{path},9600n81,local
+"""
+
+
+@pytest.mark.parametrize("server", ["pyserial", pytest.param("ser2net", marks=needs("ser2net"))])
+@posix
+def test_a_port_of_another_machine_by_rfc_2217(server: str, tmp_path: Path) -> None:
+    pytest.importorskip("serialx", reason="serialx is missing: pip install serialx")
+
+    def command(path: str, number: int) -> tuple[str, ...]:
+        if server == "pyserial":
+            return sys.executable, str(Path(__file__).with_name("rfc2217_server.py")), path, str(number)
+        (tmp_path / "ser2net.yaml").write_text(SER2NET.format(path=path, number=number))
+        return "ser2net", "-n", "-d", "-c", str(tmp_path / "ser2net.yaml")
+
+    async def main() -> None:
+        unit = SimUnit(3, {register: 100 + register for register in range(8)})
+        line = VirtualLine(unit, baudrate=38400)
+        number = free_port()
+        async with await line.serve_pty() as pty, running(*command(pty.path, number)), AsyncExitStack() as stack:
+            for _ in range(200):
+                # The pseudo-terminal understands its own baud rate only: that it answers tells that it was set.
+                with contextlib.suppress(PortNotFound):
+                    bus = await stack.enter_async_context(open_bus(f"rfc2217://127.0.0.1:{number}", baudrate=38400))
+                    break
+                await asyncio.sleep(0.05)
+            assert await bus.unit(3).read_holding_registers(2, 2) == [102, 103]
+            await bus.unit(3).write_register(5, 0xFF)
+            values = [await bus.unit(3).read_holding_registers(at) for at in range(6)]
+            assert values == [[100], [101], [102], [103], [104], [0xFF]]
+
+    in_real_time(main)
+
+
+def test_a_port_of_another_machine_that_is_not_there_says_what_to_check() -> None:
+    pytest.importorskip("serialx", reason="serialx is missing: pip install serialx")
+
+    async def main() -> None:
+        with pytest.raises(PortNotFound, match="refused the connection"):
+            await open_bus(f"rfc2217://127.0.0.1:{free_port()}", baudrate=9600)
 
     in_real_time(main)

@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import functools
 import logging
 import os
 import resource
@@ -16,15 +17,27 @@ from serial.rs485 import RS485Settings
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+import rs485bus
 from rs485bus import BusConfig, MksServo, open_bus
 from rs485bus.errors import NoReply, NotSent, PortBusy, PortError, PortPermissionDenied
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.transport import serial as serial_transport
+from rs485bus.transport import serialx_port
 from rs485bus.wire.timing import LineSettings
 from tests.bus.support import Deaf
 from tests.real.support import in_real_time, posix, running
 
 pytestmark = posix
+
+
+@pytest.fixture(autouse=True, params=["pyserial", "serialx"])
+def backend(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Every test runs on both."""
+    if request.param == "serialx":
+        pytest.importorskip("serialx", reason="serialx is missing: pip install serialx")
+    monkeypatch.setitem(globals(), "open_bus", functools.partial(rs485bus.open_bus, backend=request.param))
+    return str(request.param)
+
 
 BANK = {register: 100 + register for register in range(16)}
 
@@ -56,11 +69,13 @@ def test_a_port_that_is_in_use_says_by_whom() -> None:
     in_real_time(main)
 
 
-def test_a_port_that_may_not_be_opened_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_may_not_be_opened_says_what_to_do(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*args: object, **kwargs: object) -> None:
         raise serial.SerialException(errno.EACCES, "could not open port: Permission denied")
 
     monkeypatch.setattr(serial_transport, "_Port", refuse)
+    if backend == "serialx":
+        monkeypatch.setattr("serialx.create_serial_connection", refuse)
     with pytest.raises(PortPermissionDenied, match=r"usermod -aG dialout"):
         asyncio.run(_open("/dev/ttyS0"))
 
@@ -126,6 +141,7 @@ def test_a_port_is_opened_again_on_the_same_adapter_only(
         async with open_bus(str(link), baudrate=115200, config=config) as bus:
             assert await bus.unit(1).read_holding_registers(3) == [103]
             await port.aclose()
+            await asyncio.sleep(0.1)
             reading = asyncio.create_task(bus.unit(1).read_holding_registers(3, timeout=10))
             async with await foreign.serve_pty(link) as other:
                 plug(other.path, "B2")
@@ -260,6 +276,7 @@ def test_a_driver_that_cannot_switch_the_direction_says_so() -> None:
 
 
 def test_the_direction_is_switched_with_the_polarity_and_the_delays_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serialx_port, "switch_direction", lambda fd, settings: asked.append(settings))
     asked: list[RS485Settings] = []
     monkeypatch.setattr(
         serial_transport._Port, "rs485_mode", property(None, lambda port, settings: asked.append(settings))

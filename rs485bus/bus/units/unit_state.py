@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal
 
+from rs485bus.bus.line.numbered import NumberedReplies
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job
@@ -52,7 +53,9 @@ class UnitState:
         "watchdog_ms",
     )
 
-    def __init__(self, address: int, in_order: bool, reply_timeout: float, late_reply_window: float) -> None:
+    def __init__(
+        self, address: int, in_order: bool, reply_timeout: float, late_reply_window: float, native: bool = False
+    ) -> None:
         self.address = address
         self.reply_timeout = reply_timeout
         self.late_reply_window = late_reply_window
@@ -61,7 +64,7 @@ class UnitState:
         self.probe: Request | Literal[False] | None = None
         """The read that it may be asked to see whether it answers; False for none, None where nobody has said."""
         self.attached: DeviceAdapter | None = None
-        self.late = PendingReplies(in_order)
+        self.late = NumberedReplies() if native else PendingReplies(in_order)
         self.reach = Reachability()
         self.heard_at = NEVER
         """When it was last heard, in time or late."""
@@ -119,14 +122,6 @@ class UnitState:
         known = not request.writes or (self.attached is not None and self.attached.does_nothing(request, code))
         return Meaning.REFUSED if known else Meaning.OPEN
 
-    def explain(self, heard: bytes) -> str:
-        """What some bytes mean that answer nothing, or that none came; empty where that is nothing special."""
-        if self.attached is None:
-            return ""
-        if heard:
-            return self.attached.explain(heard)
-        return self.attached.when_silent if self.answers.latest is None else ""
-
     def may_never_answer(self, request: Request) -> bool:
         """Whether it has answered other reads, and this request not: so that its silence proves nothing."""
         if request in self.answers:
@@ -153,12 +148,13 @@ class UnitStates:
         in_order: replies come in the order of the requests.
         reply_timeout: seconds a device may take to answer, where it has no time of its own.
         late_reply_window: seconds an unanswered request may still be answered after that.
+        native: each reply tells for certain which request it answers.
     """
 
     __slots__ = ("_args", "_by_address", "_doubted", "_idling", "_in_passing", "_lost", "_owing", "listening")
 
-    def __init__(self, in_order: bool, reply_timeout: float, late_reply_window: float) -> None:
-        self._args = (in_order, reply_timeout, late_reply_window)
+    def __init__(self, in_order: bool, reply_timeout: float, late_reply_window: float, *, native: bool = False) -> None:
+        self._args = (in_order, reply_timeout, late_reply_window, native)
         self._by_address: dict[int, UnitState] = {}
         self._owing: set[UnitState] = set()
         self._lost: set[UnitState] = set()

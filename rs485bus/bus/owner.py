@@ -101,6 +101,8 @@ class Owner:
         """Jobs that nobody answers, in their turnaround."""
         self._wake = FOREVER
         self._lead = 0.0
+        self._missed = 0
+        """The unit that left the latest request unanswered; 0 if that was answered."""
         self._after_stops: list[Callable[[], None]] = []
         self.on_released: Callable[[UnitState], None] = lambda unit: None
         """Told that a device stands at last whose watchdog block was left before it did."""
@@ -591,6 +593,7 @@ class Owner:
         job.answered_since = since
         job.reply = frame
         self.units.answered(unit, job.request)
+        self._missed = 0
         unit.heard_at = self.now
         if meaning is not None:
             unit.answers.refused(job.request)
@@ -662,7 +665,11 @@ class Owner:
 
     def _not_answered(self, job: Job, unit: UnitState, how: str, may_come_until: float = 0.0) -> None:
         """What came of an attempt that was not answered. Its reply may come until the time given all the same."""
+        missed, self._missed = self._missed, job.address
         if how != "lost" and not unit.reach.silent and self._repeating.after_silence(job, self.now):
+            if missed not in (0, job.address):
+                # It may have taken this request for the answer that its neighbour did not give.
+                self._queue.hurry(job)
             return
         if may_come_until > self.now:
             self._lingering.add(job, may_come_until)

@@ -9,7 +9,7 @@ import pytest
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Outcome
-from rs485bus.sim import Noise
+from rs485bus.sim import Noise, SimUnit
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding, registers, write_single
 from rs485bus.wire.registers import Repeat
@@ -175,3 +175,43 @@ def test_what_the_port_may_keep_back_is_not_taken_for_the_units_own_time() -> No
     for _ in range(40):
         rig.done(rig.submit(read_holding(1, 0, 2)))
     assert rig.owner.units[1].reply_times.waits()["read"] < quick
+
+
+class TakesRequestsForAnswers(SimUnit):
+    """Built on libmodbus: after a request to a neighbour it takes the next frame on the pair for the answer to that."""
+
+    waits_for_answer = False
+
+    def heeds(self, frame: bytes) -> bool:
+        return True
+
+    def receive(self, frame: bytes, now: float) -> bytes | None:
+        if frame[0] != self.address:
+            self.waits_for_answer = True
+            return None
+        if self.waits_for_answer:
+            self.waits_for_answer = False
+            return None
+        return super().receive(frame, now)
+
+
+def test_a_neighbour_that_took_a_request_for_the_missing_answer_needs_one_repetition() -> None:
+    silent, neighbour = Scripted(1), TakesRequestsForAnswers(2, {0: 7, 1: 8})
+    hears = silent.receive
+
+    def answers(frame: bytes, now: float) -> bytes | None:
+        reply = hears(frame, now)
+        neighbour.waits_for_answer = neighbour.waits_for_answer and reply is None
+        return reply
+
+    silent.receive = answers  # type: ignore[method-assign]
+    rig = Rig(neighbour, silent)
+    for _ in range(10):
+        rig.done(rig.submit(read_holding(1, 0, 2)), rig.submit(read_holding(2, 0, 2)))
+    silent.script.extend(["deaf"] * 3)
+    first, second = rig.submit(read_holding(1, 0, 2)), rig.submit(read_holding(2, 0, 2))
+    rig.done(second)
+    assert registers(second.reply) == [7, 8]
+    assert second.attempts == 2
+    rig.done(first)
+    assert first.outcome is Outcome.REPLY

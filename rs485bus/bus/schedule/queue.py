@@ -48,6 +48,12 @@ class Queue:
             line.move_to_end(job, last=False)
         self.size += 1
 
+    def hurry(self, job: Job) -> None:
+        """The job's address has its turn before the others of its urgency, if the job waits."""
+        lane = self._lanes[job.urgency]
+        if job.address in lane:
+            lane.move_to_end(job.address, last=False)
+
     def remove(self, job: Job) -> bool:
         """Take a job out, wherever it stands. False if it does not wait here."""
         lane = self._lanes[job.urgency]

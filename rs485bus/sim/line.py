@@ -17,6 +17,8 @@ from rs485bus.wire.frames import crc
 from rs485bus.wire.timing import LineSettings
 
 _EPSILON = 1e-6
+_STOP_WAITS = 0.02
+"""Seconds without silence after which a stop, and the read that confirms it, goes out all the same."""
 _PIECE = 0.001
 """Seconds of airtime that arrive at once, as from a receiver with a small buffer."""
 
@@ -60,6 +62,10 @@ class VirtualPair:
         """Frames the master sent."""
         self.early_frames = 0
         """Frames that started before t3.5 of silence, as far as the master could hear it."""
+        self.frames_over_noise = 0
+        """Those that did after no silence for so long that a stop waits no longer. They are not counted as early."""
+        self.usable_silence = line.t35
+        """Seconds of silence that the master waits for."""
         self.collisions = 0
         """Times that two talked at once."""
         self._rng = random.Random(seed)
@@ -72,6 +78,8 @@ class VirtualPair:
         self._sending_until = float("-inf")
         self._busy_until = float("-inf")
         self._heard_at = float("-inf")
+        self._busy_since = float("-inf")
+        """Since when there was no silence that the master could have used."""
         self._talk: _Talk | None = None
         self._hanging: dict[SimDevice, float] = {}
         self._answering: dict[SimDevice, float] = {}
@@ -91,7 +99,10 @@ class VirtualPair:
             self.frames += 1
             shortest = self.line.t35 - _EPSILON
             self._spoilt = start - self._busy_until < shortest and not self.lenient
-            self.early_frames += start - max(self._heard_at, self._sending_until) < shortest
+            if start - max(self._heard_at, self._sending_until) < shortest:
+                waited = start - max(self._busy_since, self._sending_until)
+                self.frames_over_noise += waited >= _STOP_WAITS
+                self.early_frames += waited < _STOP_WAITS
         if talk is not None:
             talk.destroyed = self._spoilt = True
             self.collisions += 1
@@ -201,6 +212,8 @@ class VirtualPair:
             self._at(start + self.line.airtime(at + len(piece)), lambda now, piece=piece: self._hear(piece, talk, now))  # type: ignore[misc]
 
     def _hear(self, piece: bytes, talk: _Talk | None, now: float) -> None:
+        if now - self._heard_at > self.usable_silence + len(piece) * self.line.character:
+            self._busy_since = now
         self._heard_at = now
         destroyed = talk is not None and talk.destroyed
         self._received.append(self._rng.randbytes(len(piece)) if destroyed else piece)

@@ -473,7 +473,8 @@ class Owner:
     def _admit_over_noise(self, job: Job) -> float:
         verdict = self._admit(job)
         waits = LOOKS_WAIT if job.attempts and job.urgency is Urgency.CONFIRM else STOP_WAITS
-        over = max(job.queued_at + waits, self.pair.through_noise_at)
+        waiting_since = max(job.queued_at, self.pair.noisy_since)
+        over = max(waiting_since + waits, self.pair.through_noise_at)
         return verdict if verdict != READY or over <= self.now else over
 
     def _admit(self, job: Job) -> float:

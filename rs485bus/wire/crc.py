@@ -53,6 +53,10 @@ class StreamCrc:
     def __init__(self) -> None:
         self._states = [_START]
 
+    def restart(self) -> None:
+        """Another stream begins."""
+        self._states = [_START]
+
     def extend(self, stream: bytearray) -> None:
         """The stream has grown to this."""
         table, states = _TABLE, self._states

@@ -57,6 +57,9 @@ class Request:
     refusal: bytes | None = None
     sizer: Sizer | None = None
 
+    def __hash__(self) -> int:
+        return hash(self.adu)  # bytes remember theirs
+
     def __str__(self) -> str:
         to = "everyone" if self.address == BROADCAST else f"unit {self.address}"
         return f"function {self.function} to {to} ({self.adu.hex(' ').upper()})"

@@ -50,14 +50,12 @@ class Receiver(Generic[K]):
     """
 
     __slots__ = (
-        "_awaited",
         "_begun",
         "_buffer",
         "_crc",
         "_hunting",
         "_origin",
         "_patterns",
-        "_sought",
         "crc_errors",
         "passed",
         "skipped",
@@ -65,12 +63,10 @@ class Receiver(Generic[K]):
 
     def __init__(self) -> None:
         self._patterns: Sequence[Pattern[K]] = ()
-        self._awaited: list[Pattern[K]] = []
         self._hunting = False
         self._buffer = bytearray()
         # Positions count from the first byte after `expect`. The buffer begins at `_origin`.
         self._origin = 0
-        self._sought: list[int] = []
         self._begun: list[_Candidate] = []
         self._crc = StreamCrc()
         self.skipped = 0
@@ -91,6 +87,8 @@ class Receiver(Generic[K]):
             self.skipped += len(self._buffer)
             self._buffer.clear()
             self._begun.clear()
+            self._crc.restart()
+            self._origin = 0
 
     def feed(self, data: bytes) -> list[tuple[K, bytes]]:
         """Take `data` in; return the frames it completes, in the order of the wire, each with its key."""
@@ -99,15 +97,13 @@ class Receiver(Generic[K]):
             if key is not None:
                 self.passed = b""
                 return [(key, data)]
-        if not self._hunting:
-            self._hunting = True
-            self._origin = 0
-            self._sought = [0] * len(self._patterns)
-            self._awaited = [pattern for pattern in self._patterns if pattern.counts and pattern.sizer is None]
-            self._crc = StreamCrc()
+        self._hunting = True
         found: list[tuple[K, bytes]] = []
-        for at in range(0, len(data), _SLICE):
-            self._hunt(data[at : at + _SLICE], found)
+        if len(data) <= _SLICE:
+            self._hunt(data, found)
+        else:
+            for at in range(0, len(data), _SLICE):
+                self._hunt(data[at : at + _SLICE], found)
         return found
 
     def _whole(self, data: bytes) -> K | None:
@@ -125,10 +121,15 @@ class Receiver(Generic[K]):
     def _hunt(self, data: bytes, found: list[tuple[K, bytes]]) -> None:
         """Take in `_SLICE` bytes at most."""
         buffer, begun = self._buffer, self._begun
+        before = len(buffer) + 1
         buffer += data
         for index, pattern in enumerate(self._patterns):
-            self._seek(index, pattern)
-        begun.sort()
+            # Where its beginning ends among the bytes that are new.
+            at = buffer.find(pattern.prefix, max(0, before - len(pattern.prefix)))
+            if at >= 0:
+                self._begin(index, pattern, at)
+        if len(begun) > 1:
+            begun.sort()
         reached = self._origin + len(buffer)
         if begun and begun[0][0] <= reached:
             self._crc.extend(buffer)
@@ -138,11 +139,10 @@ class Receiver(Generic[K]):
             self.skipped += surplus
             self._drop(surplus)
 
-    def _seek(self, index: int, pattern: Pattern[K]) -> None:
-        """Find where frames of a pattern begin in what is new."""
+    def _begin(self, index: int, pattern: Pattern[K], at: int) -> None:
+        """Frames of a pattern may begin in the buffer at `at`, and wherever its prefix stands behind that."""
         buffer, begun, origin = self._buffer, self._begun, self._origin
         prefix, length, sizer, find = pattern.prefix, pattern.length, pattern.sizer, buffer.find
-        at = find(prefix, max(0, self._sought[index] - origin))
         data = b"" if sizer is None else bytes(buffer)
         while at >= 0:
             begin = origin + at
@@ -151,7 +151,6 @@ class Receiver(Generic[K]):
             elif (candidate := _sized(sizer, data[at : at + MAX_FRAME], begin, index)) is not None:
                 begun.append(candidate)
             at = find(prefix, at + 1)
-        self._sought[index] = origin + len(buffer) - len(prefix) + 1
 
     def _judge(self, reached: int, found: list[tuple[K, bytes]]) -> None:
         """Look at what may be a frame, in the order in which they end."""
@@ -184,7 +183,9 @@ class Receiver(Generic[K]):
     def _enclosed_until(self, begin: int, end: int) -> int:
         """Where the last of the awaited frames ends that began before and is not complete yet; 0 if there is none."""
         origin, until = self._origin, 0
-        for pattern in self._awaited:
+        for pattern in self._patterns:
+            if not pattern.counts or pattern.sizer is not None:
+                continue
             # The last one that begins before, and whose beginning was there when the frame inside was complete.
             at = self._buffer.rfind(pattern.prefix, 0, min(begin + len(pattern.prefix) - 1, end) - origin)
             if at >= 0 and origin + at + pattern.length > end:

@@ -22,21 +22,18 @@ class EchoQuestion:
         verdict: whether the adapter echoes; None to find out.
     """
 
-    __slots__ = ("_auto", "_contrary", "_noisy", "_tries", "is_pressing", "verdict")
+    __slots__ = ("_auto", "_contrary", "_noisy", "_tries", "is_in_doubt", "is_pressing", "verdict")
 
     def __init__(self, verdict: bool | None) -> None:
         self.verdict = verdict
         self.is_pressing = False
         """A read was in vain since it was asked last: other reads may be, too."""
+        self.is_in_doubt = False
+        """The latest evidence contradicts the verdict."""
         self._auto = verdict is None
         self._contrary = 0
         self._noisy = [0, 0]
         self._tries: dict[int, int] = {}
-
-    @property
-    def is_in_doubt(self) -> bool:
-        """Whether the latest evidence contradicts the verdict."""
-        return self._contrary > 0
 
     @property
     def is_open(self) -> bool:
@@ -57,9 +54,9 @@ class EchoQuestion:
             if clean or self._noisy[echoed] >= _SURE:
                 self._decide(echoed)
         elif echoed is self.verdict:
-            self._contrary = 0
+            self._contrary, self.is_in_doubt = 0, False
         else:
-            self._contrary += 1
+            self._contrary, self.is_in_doubt = self._contrary + 1, True
             if self._contrary >= _SURE:
                 self._decide(echoed)
 
@@ -86,7 +83,7 @@ class EchoQuestion:
 
     def _decide(self, verdict: bool | None) -> None:
         self.verdict = verdict
-        self.is_pressing = False
+        self.is_pressing = self.is_in_doubt = False
         self._contrary = 0
         self._noisy = [0, 0]
         self._tries.clear()

@@ -98,17 +98,16 @@ class Transaction:
 
     def judge(self) -> bool:
         """The request was answered, by nothing older. Whether that tells if the adapter echoes."""
-        request, question = self._request, self.question
-        if self._tells and request is not None:
-            echoed = self._echoed or self._has_passed(request)
+        if self._tells:
+            question, passed = self.question, self._receiver.passed
+            echoed = self._echoed or (passed != b"" and self._has_passed(self._request))
             if echoed is not question.verdict or question.is_in_doubt:
                 question.judge(echoed, clean=self._receiver.skipped == self._skipped)
         return self._tells
 
-    def _has_passed(self, request: Request) -> bool:
+    def _has_passed(self, request: Request | None) -> bool:
         """Whether the end of the request stood before the first of the frames received last."""
-        passed = self._receiver.passed
-        return bool(passed) and request.adu[-_UNMISTAKABLE:] in passed
+        return request is not None and request.adu[-_UNMISTAKABLE:] in self._receiver.passed
 
     @property
     def pending(self) -> int:

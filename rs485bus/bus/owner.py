@@ -513,8 +513,9 @@ class Owner:
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
         self.feeding.sent(job.feeds)
         self.pair.begin(job, start, timeout, self.units.late(self.now))
-        if job.reply_timeout is None and unit.late.in_order and job.is_repeatable:
-            self._wait_as_long_as_usual(job, unit, start, timeout)
+        if job.reply_timeout is None and unit.late.in_order and (not job.request.writes or self._may_be_hurried(job)):
+            # Others are served then. The reply may come until it is owed no more all the same.
+            self.pair.deadline -= timeout - unit.reply_times.wait(job, timeout)
         if not job.expects_reply:
             sent = self.pair.quiet_at - self.pair.silence
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
@@ -527,15 +528,13 @@ class Owner:
             self._register_writes.sent(job)
         return job.request.adu
 
-    def _wait_as_long_as_usual(self, job: Job, unit: UnitState, start: float, longest: float) -> None:
-        """Wait for the reply as long as the unit usually takes; it may come until it is owed no more all the same."""
-        retries = self.config.retries if job.retries is None else job.retries
-        if job.attempts > retries and job.request.writes and not job.internal:
-            return  # a reply that comes late may be that to an equal write before it
-        spared = longest - unit.reply_times.wait(job, longest)
-        self.pair.deadline -= spared
-        if spared and job.attempts == 1 and not job.backs_off:
-            job.patient_until = start + retries * (self.pair.owed_until - start)
+    def _may_be_hurried(self, job: Job) -> bool:
+        """Whether a write is waited for no longer than the unit usually takes. Its last attempts are not: a reply that
+        comes late may be that to an equal write before it."""
+        return job.is_repeatable and (job.internal or job.attempts <= self._retries_of(job))
+
+    def _retries_of(self, job: Job) -> int:
+        return self.config.retries if job.retries is None else job.retries
 
     def _one_way_ended(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
         if job in self._one_way:
@@ -636,6 +635,8 @@ class Owner:
             self.pair.exchange.question.tried(job.address)
         if how == "no reply":
             if not frame:
+                if job.attempts == 1 and self.now < owed_until and not job.backs_off:
+                    job.patient_until = job.sent_at + self._retries_of(job) * (owed_until - job.sent_at)
                 unit.reply_times.missed(job)
                 self.gate.silent[unit] = owed_until
             if job.sent_at >= unit.misses_count_from:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rs485bus.bus.schedule.job import Job, Urgency
-from rs485bus.bus.units.reply_times import FLOOR, MARGIN, ReplyTimes, RequestKind
+from rs485bus.bus.units.reply_times import MARGIN, ReplyTimes, RequestKind
 from rs485bus.wire.frames import read_holding, write_single
 
 CEILING = 0.1
@@ -79,14 +79,14 @@ def test_a_register_that_always_takes_long_is_learned_and_slows_no_other_down() 
 
 
 @given(st.lists(st.tuples(st.sampled_from((FAST, SLOW)), st.floats(0, 0.2), st.booleans()), max_size=200))
-def test_a_wait_is_never_below_the_floor_nor_above_the_ceiling(history: list[tuple[object, float, bool]]) -> None:
+def test_a_wait_is_never_below_the_margin_nor_above_the_ceiling(history: list[tuple[object, float, bool]]) -> None:
     times = ReplyTimes()
     for request, seconds, answered in history:
         if answered:
             times.answered(Job(request), seconds)  # type: ignore[arg-type]
         else:
             times.missed(Job(request))  # type: ignore[arg-type]
-        assert FLOOR <= wait(times, request) <= CEILING
+        assert MARGIN <= wait(times, request) <= CEILING
 
 
 def test_requests_that_are_missed_once_each_are_not_remembered_for_ever() -> None:

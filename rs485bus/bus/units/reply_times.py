@@ -12,8 +12,6 @@ from collections import OrderedDict
 
 from rs485bus.bus.schedule.job import Job, Urgency
 
-FLOOR = 0.001
-"""The shortest time a reply is waited for."""
 MARGIN = 0.0015
 """What is added to every learned time."""
 _ENOUGH = 3
@@ -23,6 +21,7 @@ _DEVIATION_GAIN = 1 / 4
 _DEVIATIONS = 4
 _BACKOFF = 1.25
 _LONGEST = 10.0
+_UNKNOWN = float("inf")
 _SLOW_REQUESTS = 32
 """How many requests are remembered that take longer than the others."""
 
@@ -38,12 +37,14 @@ class RequestKind(enum.IntEnum):
 class _Estimate:
     """A mean and a mean deviation."""
 
-    __slots__ = ("deviation", "mean", "samples")
+    __slots__ = ("deviation", "mean", "samples", "wait")
 
     def __init__(self) -> None:
         self.mean = 0.0
         self.deviation = 0.0
         self.samples = 0
+        self.wait = _UNKNOWN
+        """How long a reply is waited for."""
 
     def learn(self, took: float) -> None:
         if not self.samples:
@@ -53,10 +54,8 @@ class _Estimate:
             self.mean += _GAIN * error
             self.deviation += _DEVIATION_GAIN * (abs(error) - self.deviation)
         self.samples += 1
-
-    @property
-    def wait(self) -> float:
-        return self.mean + _DEVIATIONS * self.deviation + MARGIN
+        if self.samples >= _ENOUGH:
+            self.wait = self.mean + _DEVIATIONS * self.deviation + MARGIN
 
 
 class ReplyTimes:
@@ -80,11 +79,8 @@ class ReplyTimes:
             job: what is asked. It may have been missed before.
             longest: the longest time the unit may take.
         """
-        estimate = self._kinds[_kind(job)]
-        if estimate.samples < _ENOUGH:
-            return longest
-        wait = max(FLOOR, estimate.wait)
-        if self._slow:
+        wait = self._kinds[_kind(job)].wait
+        if self._slow and wait < _UNKNOWN:
             wait = max(wait, self._slow.get(job.request.adu, 0.0))
         return wait if wait < longest else longest
 
@@ -96,12 +92,12 @@ class ReplyTimes:
                 self._slow[key] = 1.5 * took + MARGIN
                 return
             del self._slow[key]
-        estimate.learn(max(0.0, took))
+        estimate.learn(took if took > 0.0 else 0.0)
 
     def missed(self, job: Job) -> None:
         """The job's latest attempt was not answered within the time it was waited for."""
         estimate, key = self._kinds[_kind(job)], job.request.adu
-        if estimate.samples < _ENOUGH or job.backs_off:
+        if estimate.wait == _UNKNOWN or job.backs_off:
             return  # a question that backs off waits between its repetitions, not for each
         self._slow[key] = min(_LONGEST, _BACKOFF * max(estimate.wait, self._slow.get(key, 0.0)))
         self._slow.move_to_end(key)
@@ -115,8 +111,8 @@ class ReplyTimes:
 
     def learned(self, kind: RequestKind) -> float | None:
         """How long such a request is waited for; None while that is not known."""
-        estimate = self._kinds[kind]
-        return max(FLOOR, estimate.wait) if estimate.samples >= _ENOUGH else None
+        wait = self._kinds[kind].wait
+        return wait if wait < _UNKNOWN else None
 
 
 def _kind(job: Job) -> RequestKind:

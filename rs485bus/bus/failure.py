@@ -115,6 +115,8 @@ def failure(
         error, why = _NOT_SENT[job.reason]
         if port and job.reason in _AWAY:
             why = f"the port is away, and is opened again by itself. {port.rstrip('.')}"
+        elif advice and job.reason is Reason.LINE_BUSY:
+            why = f"{why}. {advice.rstrip('.')}"
         return error(f"Not sent, {why}: {what}.", **details)
     again = f" It was not sent again, {_NOT_SENT[job.reason][1]}." if job.reason in _NOT_SENT else ""
     again = _MEANWHILE.get(job.reason, again) + (advice and f" {advice}")

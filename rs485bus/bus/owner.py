@@ -709,6 +709,8 @@ class Owner:
 
     def _drop(self, job: Job, reason: Reason) -> None:
         """It is not sent, or not sent again. What was sent unanswered may have been done."""
+        if reason is Reason.LINE_BUSY:
+            self.journal.missed()
         if job.unanswered:
             self._end(job, Outcome.UNKNOWN if job.request.writes else Outcome.NO_REPLY, reason)
         else:

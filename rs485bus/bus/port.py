@@ -17,6 +17,8 @@ _log = logging.getLogger("rs485bus")
 
 SAID_EVERY = 60.0
 """Seconds within which the log is told once of a port that does not stay open."""
+HANGS_UP_WITHIN = 2.0
+"""Seconds within which a new connection ends where the other end does not want it."""
 _GIVING_UP_TAKES = 1.0
 """Seconds that closing waits for an attempt to open the port."""
 
@@ -200,7 +202,8 @@ class Port:
     def _say_lost(self, error: Exception | None, now: float, *, aloud: bool) -> None:
         why = self._dropped or error
         name, reason = self._transport.name, f": {why}" if why else ""
-        hint = "" if self._was_of_use or self._dropped else getattr(self._transport, "hang_up_hint", "")
+        hung_up = not self._dropped and not self._was_of_use and now - self._opened_at < HANGS_UP_WITHIN
+        hint = getattr(self._transport, "hang_up_hint", "") if hung_up else ""
         self._trouble = f"{name} was lost{reason}. {hint}".strip()
         self._unsaid += 1
         if not aloud:

@@ -117,7 +117,7 @@ class Journal:
         self.flight: deque[Record] = deque(maxlen=FLIGHT_RECORDER)
         self.stats = BusStats()
         self.missed: Callable[[], None] = lambda: None
-        """Told of each attempt that was not answered."""
+        """Told of each attempt that was not answered, and of what could not be sent on a line that is never quiet."""
         self._observers: tuple[Observer, ...] = ()
 
     def unit(self, address: int) -> UnitStats:

@@ -7,9 +7,12 @@ from collections.abc import Callable
 import pytest
 
 from rs485bus import Bus, BusConfig, MksServo
-from rs485bus.errors import OutcomeUnknown, PortNotFound
+from rs485bus.bus.failure import failure
+from rs485bus.bus.schedule.job import Job, Outcome, Reason
+from rs485bus.errors import NotSent, OutcomeUnknown, PortNotFound
 from rs485bus.sim import SimMks, SimUnit, VirtualClockLoop, VirtualLine
 from rs485bus.transport.interface import Sink
+from rs485bus.wire.frames import read_holding
 from tests.integration.support import virtual
 
 HINT = "Close the other client."
@@ -90,6 +93,31 @@ def test_a_gateway_that_hangs_up_at_once_is_logged_once_a_minute_and_with_what_t
         await bus.aclose()
 
     main()
+
+
+@pytest.mark.parametrize("how", ["hang up", "refuse", "opening"])
+@virtual
+async def test_a_read_waits_30_s_for_a_port_that_never_stays_and_its_error_says_what_to_do(how: str) -> None:
+    line = Wayward("", how, forever=False)
+    line.script += [how] * 100
+    bus = await opened(line)
+    line.abort()
+    await asyncio.sleep(0.01)
+    begun = asyncio.get_running_loop().time()
+    with pytest.raises(NotSent, match="refused" if how == "refuse" else HINT.rstrip(".")):
+        await bus.unit(1).read_holding_registers(0)
+    assert asyncio.get_running_loop().time() - begun == pytest.approx(30.0, abs=0.1)
+    begun = asyncio.get_running_loop().time()
+    await bus.aclose()
+    assert asyncio.get_running_loop().time() == begun
+
+
+def test_a_line_that_is_never_quiet_names_the_program_that_writes_to_it_too() -> None:
+    job = Job(read_holding(1, 0, 1))
+    job.outcome, job.reason = Outcome.NOT_SENT, Reason.LINE_BUSY
+    assert "cat (process 7) has /dev/ttyUSB0 open, too: function 3" in str(
+        failure(job, [], advice="cat (process 7) has /dev/ttyUSB0 open, too.")
+    )
 
 
 @virtual

@@ -61,6 +61,7 @@ class OwnerRunner:
         """A frame came in, with a number that tells which job it answers; None where that is not known."""
         job = self._owner.pair.job
         if job is not None and job is asked:
+            self._owner.pair.is_out(self._loop.time())
             self.received(frame)
         else:
             self._owner.feed_late(frame, asked, self._loop.time())

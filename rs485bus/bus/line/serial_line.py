@@ -144,6 +144,10 @@ class SerialLine:
             self.deadline = start + budget + self.latency
             self.owed_until = self.deadline
 
+    def is_out(self, now: float) -> None:
+        """What was sent is out, as its answer tells, however long it was reckoned to take."""
+        self._air_end = min(self._air_end, now)
+
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
         self.airtime += self.line.airtime(len(data))

@@ -29,7 +29,7 @@ _USUAL = [1, 2, 3]
 
 Port = Annotated[
     Optional[str],  # noqa: UP045 - typer reads it
-    typer.Option(help="A serial port, or a gateway: socket://host:port. Without, a virtual plant."),
+    typer.Option(help="A serial port, or a gateway: socket://host:port, tcp://host. Without, a virtual plant."),
 ]
 Baudrate = Annotated[int, typer.Option(min=300, max=4_000_000, help="bit/s")]
 Mks = Annotated[

@@ -338,7 +338,8 @@ class Bus:
         if job.outcome is Outcome.REPLY:
             return job.reply
         family = None if attached is None else attached.family
-        raise failure(job, self.flight, family, self._port.trouble, self._port.advice)
+        unit = self._owner.units[request.address]
+        raise failure(job, self.flight, family, self._port.trouble, self._port.advice, unit.explain)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypedDict
 
+from rs485bus.bus.line.diagnosis import CHECK, tell
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job, Outcome, Reason
 from rs485bus.bus.schedule.waiting import WHAT_TO_LOOK_FOR
@@ -96,7 +97,12 @@ class _Details(TypedDict):
 
 
 def failure(
-    job: Job, records: Sequence[Record], family: str | None = None, port: str = "", advice: str = ""
+    job: Job,
+    records: Sequence[Record],
+    family: str | None = None,
+    port: str = "",
+    advice: str = "",
+    explain: Callable[[bytes], str] = lambda heard: "",
 ) -> RequestFailed:
     """The exception that says how the job ended, for every end but a reply.
 
@@ -106,6 +112,8 @@ def failure(
         family: what the device is taken for; None where it has no facade.
         port: why the port is away, and what to do about it; empty where it is there.
         advice: what explains that answers do not come; empty where nothing is known.
+        explain: what some bytes mean that are no answer, or that there are none, in view of the device asked; empty
+            where that is nothing special.
     """
     details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts, code=job.code)
     what = str(job.request)
@@ -122,11 +130,13 @@ def failure(
     again = _MEANWHILE.get(job.reason, again) + (advice and f" {advice}")
     if job.outcome is Outcome.NO_REPLY:
         return NoReply(
-            f"No reply, {_sent(job)}: {what}.{again} {_check(job)} The request may be repeated safely.", **details
+            f"No reply, {_sent(job)}: {what}.{again} {_check(job, explain)} The request may be repeated safely.",
+            **details,
         )
+    came = _came(job, explain)
     return OutcomeUnknown(
         f"Nobody knows whether it was done, {_sent(job)}: {what}.{_seen(job)}{again} "
-        "Read back what the device did before you repeat it.",
+        f"{came and came + ' '}Read back what the device did before you repeat it.",
         records=records,
         **details,
     )
@@ -174,11 +184,17 @@ def _seen(job: Job) -> str:
     return f" Reading it back, {times}, did not show it." if job.read_backs else ""
 
 
-def _check(job: Job) -> str:
-    """What to look at where nobody answers."""
-    if job.code is None:
-        return "Check the device's power, address, baud rate and parity, and the wires A and B."
-    return (
-        "The gateway answers: check the device's power and address, and the gateway's wires A and B, baud rate and "
-        "parity, and its timeout."
-    )
+def _came(job: Job, explain: Callable[[bytes], str]) -> str:
+    """What came instead of an answer."""
+    rest = b"" if job.heard is None else job.heard.rest
+    return (rest and explain(rest)) or tell(job.request, job.heard)
+
+
+def _check(job: Job, explain: Callable[[bytes], str]) -> str:
+    """What came instead of an answer, and what to look at where nobody answers."""
+    if job.code is not None:
+        return (
+            "The gateway answers: check the device's power and address, and the gateway's wires A and B, baud rate and "
+            "parity, and its timeout."
+        )
+    return _came(job, explain) or " ".join(filter(None, (CHECK, explain(b""))))

@@ -120,7 +120,7 @@ class Owner:
     def submit(self, job: Job, now: float) -> None:
         """Take a job. How it ends is told through `job.on_end`, which may be at once."""
         job.queued_at = self.now = now
-        job.outcome = job.code = None
+        job.outcome = job.code = job.heard = None
         reason = self.gate.refusal(job)
         if self._queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
             reason = Reason.QUEUE_FULL
@@ -553,6 +553,7 @@ class Owner:
             if kind is Kind.NORMAL or not unit.late.leaves_undecided(job, frame):
                 self._answered(job, unit, kind, frame)
             else:
+                self.pair.exchange.pass_over(frame)
                 self._heard_of(unit, frame)
 
     def _came_late(self, kind: Kind, unit: UnitState, request: Request | None, frame: bytes) -> None:
@@ -628,6 +629,7 @@ class Owner:
         unit = self.units[job.address]
         job.unanswered += 1
         in_doubt = how == "no reply" and self.pair.exchange.is_in_doubt
+        job.heard = self.pair.exchange.heard() or job.heard
         owed_until = max(self.pair.owed_until, self.now)
         self.units.owes(unit, job, owed_until)
         self._note(job, frame, how, self.now)

@@ -79,6 +79,17 @@ class Receiver(Generic[K]):
         """Bytes held that belong to no frame yet."""
         return len(self._buffer)
 
+    @property
+    def rest(self) -> bytes:
+        """Those bytes."""
+        return bytes(self._buffer)
+
+    @property
+    def begun(self) -> int:
+        """How many of them there are from where a frame may have begun; 0 if none has."""
+        begins = (begin for _, begin, _, _ in self._begun if begin >= self._origin)
+        return self._origin + len(self._buffer) - min(begins, default=self._origin + len(self._buffer))
+
     def expect(self, patterns: Sequence[Pattern[K]]) -> None:
         """Wait for these frames from now on. What was received before is given up."""
         self._patterns = patterns

@@ -75,6 +75,18 @@ def test_what_came_before_expecting_is_given_up() -> None:
     assert receiver.skipped >= 5
 
 
+def test_only_what_begins_like_a_frame_waited_for_has_begun() -> None:
+    receiver = waiting_for(BODY)
+    for noise in (b"\0\0\0\0", REPLY[1:]):
+        receiver.feed(noise)
+        assert receiver.begun == 0
+    assert receiver.rest == b"\0\0\0\0" + REPLY[1:]
+    receiver.feed(REPLY[:4])
+    assert receiver.begun == 4
+    receiver.feed(REPLY[4:])
+    assert receiver.begun == 0
+
+
 def test_a_variable_reply_is_found_behind_a_beginning_that_never_ends() -> None:
     def told(data: bytes) -> int:
         return data[2] + 5 if len(data) > 2 else 0

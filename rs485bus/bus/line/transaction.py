@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+from rs485bus.bus.line.diagnosis import Heard
 from rs485bus.bus.line.echo import EchoQuestion
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.wire.frames import EXCEPTION_LENGTH, Request
@@ -46,7 +47,17 @@ class Transaction:
         echo: whether the adapter returns what is sent; None to find out.
     """
 
-    __slots__ = ("_crc_errors", "_echoed", "_mirrors", "_receiver", "_request", "_skipped", "_tells", "question")
+    __slots__ = (
+        "_crc_errors",
+        "_echoed",
+        "_mirrors",
+        "_receiver",
+        "_request",
+        "_skipped",
+        "_tells",
+        "_undecided",
+        "question",
+    )
 
     def __init__(self, echo: bool | None) -> None:
         self.question = EchoQuestion(echo)
@@ -54,6 +65,7 @@ class Transaction:
         self._receiver: Receiver[_Key] = Receiver()
         self._request: Request | None = None
         self._echoed = False
+        self._undecided = b""
         self._mirrors = False
         self._tells = False
         self._skipped = 0
@@ -72,6 +84,7 @@ class Transaction:
         """`request` is being sent; listen for what may answer it, and for what older requests are owed."""
         self._request = request
         self._echoed = False
+        self._undecided = b""
         patterns, self._mirrors, self._tells = _wanted(request, self.question.verdict is not False)
         self._listen(patterns, late)
 
@@ -112,7 +125,18 @@ class Transaction:
     @property
     def pending(self) -> int:
         """Bytes held that may be the begin of a frame that is waited for."""
-        return self._receiver.pending
+        return self._receiver.begun
+
+    def heard(self) -> Heard | None:
+        """What has come that was no answer; None if nothing has."""
+        rest = self._receiver.rest
+        if not (rest or self._echoed or self._undecided):
+            return None
+        return Heard(rest, self._echoed, self.is_in_doubt, self._undecided)
+
+    def pass_over(self, refusal: bytes) -> None:
+        """A refusal that fits the request decides nothing."""
+        self._undecided = refusal
 
     def counts(self) -> tuple[int, int]:
         """Bytes skipped and CRC errors since the exchange began."""

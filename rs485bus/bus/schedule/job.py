@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 
+from rs485bus.bus.line.diagnosis import Heard
 from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.bus.schedule.timers import Timer
 from rs485bus.bus.schedule.verification import Verification
@@ -115,6 +116,7 @@ class Job:
         "expects_reply",
         "expires_at",
         "feeds",
+        "heard",
         "ignores_late_replies",
         "internal",
         "is_broadcast",
@@ -205,6 +207,8 @@ class Job:
         """Its latest attempt was sent to feed a watchdog."""
         self.caller_cancelled = False
         """Nobody waits for it any more."""
+        self.heard: Heard | None = None
+        """What came instead of an answer, in the latest attempt in which anything did."""
         self.outcome: Outcome | None = None
         self.reason = Reason.NONE
         self.reply = b""

@@ -81,6 +81,8 @@ class DeviceAdapter(ABC):
     """Seconds; None for what the bus is set to."""
     start_grace: float = 0.05
     """Seconds after a frame that moves it, within which it may report that it stands and yet start."""
+    when_silent: str = ""
+    """What else to look at where it has never answered."""
     watchdog: WatchdogRegister | None = None
     read_function: int | None = None
     """The only function that reads its registers, if it has but one."""
@@ -126,6 +128,10 @@ class DeviceAdapter(ABC):
         Such requests are refused while a watchdog on the bus is armed.
         """
         return False
+
+    def explain(self, heard: bytes) -> str:
+        """What bytes mean that such a device may send and that are no answer; empty if it sends none such."""
+        return ""
 
     def broadcast_stop(self) -> Request | None:
         """The broadcast that stops every device of this family at once, if it listens to one."""

@@ -122,6 +122,14 @@ class UnitState:
         known = not request.writes or (self.attached is not None and self.attached.does_nothing(request, code))
         return Meaning.REFUSED if known else Meaning.OPEN
 
+    def explain(self, heard: bytes) -> str:
+        """What some bytes mean that answer nothing, or that none came; empty where that is nothing special."""
+        if self.attached is None:
+            return ""
+        if heard:
+            return self.attached.explain(heard)
+        return self.attached.when_silent if self.answers.latest is None else ""
+
     def may_never_answer(self, request: Request) -> bool:
         """Whether it has answered other reads, and this request not: so that its silence proves nothing."""
         if request in self.answers:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector, WatchdogRegister
 from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.frames import read, write
+from rs485bus.devices.mks.frames import is_native, read, write
 from rs485bus.devices.mks.values import Status
 from rs485bus.wire.frames import BROADCAST, READ_INPUT, WRITE_MULTIPLE, WRITE_SINGLE, Request, payload
 
@@ -21,6 +21,11 @@ _URGENT_STOP_TAKES = 0.1
 _LONGEST = max(17 + 2 * block.count for block in r.BLOCK_WRITES)
 """Bytes: a write has 9 beside its data, and its reply has 8. Reads take less."""
 _WRITTEN = {register.address for register in (*r.SINGLE_WRITES, *r.BLOCK_WRITES)}
+
+_MODBUS_IS_OFF = (
+    "Modbus is switched off in it. `enable_modbus` of rs485bus.devices.mks switches it on, and so does MB_RTU in the "
+    "menu of the drive."
+)
 
 _DISRUPTING = {
     register.address
@@ -64,6 +69,7 @@ class MksAttached(DeviceAdapter):
     family = FAMILY
     longest = _LONGEST
     late_reply_window = LATE_REPLY_WINDOW
+    when_silent = f"Or {_MODBUS_IS_OFF}"
     read_function = READ_INPUT  # and no other
     combines_reads = False  # addresses are command codes (MKS RTU V1.0.9, 4)
 
@@ -99,6 +105,11 @@ class MksAttached(DeviceAdapter):
 
     def judgement(self, motion: Motion) -> StandstillDetector:
         return _MksJudgement(self._reads)
+
+    def explain(self, heard: bytes) -> str:
+        if is_native(self.address, heard):
+            return f"It answers in its own protocol ({heard.hex(' ').upper()}): {_MODBUS_IS_OFF}"
+        return ""
 
     def hears(self, request: Request) -> bool:
         return request.function in (WRITE_SINGLE, WRITE_MULTIPLE) and request.register in _WRITTEN

@@ -25,7 +25,8 @@ T = TypeVar("T")
 _READS: dict[tuple[int, int], Register[Any] | Block] = {(what.address, what.count): what for what in r.READS}
 _SINGLE: dict[int, Register[Any]] = {register.address: register for register in r.SINGLE_WRITES}
 _BLOCKS: dict[tuple[int, int], Register[Any] | Block] = {(what.address, what.count): what for what in r.BLOCK_WRITES}
-_NATIVE_REQUEST = 0xFA
+_NATIVE_REQUEST, _NATIVE_REPLY = 0xFA, 0xFB
+# Of the reply the manual says nothing: drives were seen to begin it so.
 
 
 class Spoken(NamedTuple):
@@ -73,6 +74,12 @@ def native(address: int, code: int, *data: int) -> Request:
     """
     body = bytes((_NATIVE_REQUEST, address, code, *data))
     return Request(BROADCAST, code, body + bytes([sum(body) % 256]), prefix=b"", length=0, writes=True)
+
+
+def is_native(address: int, data: bytes) -> bool:
+    """Whether some bytes are a frame of a drive's own protocol, a request or a reply."""
+    begins = len(data) > 3 and data[0] in (_NATIVE_REQUEST, _NATIVE_REPLY) and data[1] == address
+    return begins and sum(data[:-1]) % 256 == data[-1]
 
 
 def understand(pdu: bytes) -> Spoken:

@@ -6,7 +6,7 @@ from collections import deque
 from typing import NamedTuple
 
 from rs485bus.sim import SimUnit
-from rs485bus.wire.frames import crc
+from rs485bus.wire.frames import Request, crc
 from tests.bus.support import BANK
 
 
@@ -23,6 +23,11 @@ class Step(NamedTuple):
     """The answer reaches the master."""
     after: float | None = None
     """Seconds before the answer; None for as long as usual."""
+
+    @property
+    def is_plain(self) -> bool:
+        """It is answered at once, and the answer leaves nothing open."""
+        return self.heard and self.answered and self.after is None and self.code in (None, 1, 2, 3, 6)
 
 
 FINE = Step()
@@ -53,12 +58,15 @@ class Oracle(SimUnit):
         self.script = deque(script)
         self.frames: list[bytes] = []
         """What was sent to it, heard or not."""
+        self.is_plain = True
+        """Each frame so far got an answer at once that says what became of it."""
 
     def receive(self, frame: bytes, now: float) -> bytes | None:
         if frame[0] not in (0, self.address):
             return None
         self.frames.append(frame)
         step = self.script.popleft() if self.script else FINE
+        self.is_plain = self.is_plain and step.is_plain
         if not step.heard:
             return None
         self.turnaround = step.after
@@ -69,6 +77,10 @@ class Oracle(SimUnit):
             return reply
         body = bytes((self.address, frame[1] | 0x80, step.code))
         return body + crc(body)
+
+    def was_sent(self, request: Request) -> int:
+        """How often a frame was sent to it."""
+        return self.frames.count(request.adu)
 
     def times_written(self, register: int, *values: int) -> int:
         """How often a write was really carried out."""

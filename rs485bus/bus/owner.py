@@ -550,7 +550,11 @@ class Owner:
             self._came_late(kind, unit, request, frame)
         elif kind is not Kind.ECHO and (job := self.pair.job) is not None:
             unit.late.expire(self.now)
-            if kind is Kind.NORMAL or not unit.late.leaves_undecided(job, frame):
+            if kind is Kind.NORMAL:
+                undecided = job.urgency is Urgency.STOP and self._is_anothers(job, unit, frame)
+            else:
+                undecided = unit.late.leaves_undecided(job, frame)
+            if not undecided:
                 self._answered(job, unit, kind, frame)
             else:
                 self.pair.exchange.pass_over(frame)
@@ -575,6 +579,14 @@ class Owner:
             if waiting is not None and (self._lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame
                 self._end(waiting, Outcome.REPLY)
+
+    def _is_anothers(self, job: Job, unit: UnitState, frame: bytes) -> bool:
+        """Whether the answer to a stop may be an older request's, for whose reply the stop did not wait."""
+        if job.ignores_late_replies or not unit.late.must_wait(job.request, job):
+            return False
+        self.journal.unit(unit.address).late_replies += 1
+        unit.late.arrived(job.request, frame)
+        return True
 
     def _heard_of(self, unit: UnitState, frame: bytes) -> None:
         """A frame came that ended nothing. It tells that the unit is there, unless a gateway says that it is not."""
@@ -628,6 +640,7 @@ class Owner:
         assert job is not None
         unit = self.units[job.address]
         job.unanswered += 1
+        job.cuts += how == "cut"
         in_doubt = how == "no reply" and self.pair.exchange.is_in_doubt
         job.heard = self.pair.exchange.heard() or job.heard
         owed_until = max(self.pair.owed_until, self.now)

@@ -36,11 +36,11 @@ def answered(owner: Owner, now: float, seconds: float) -> float:
 def test_answered_requests_with_a_long_time_limit_leave_nothing_behind() -> None:
     tracemalloc.start()
     owner, now = Owner(FAST, NO_ECHO, 0.0), 1.0
-    for _ in range(2000):
+    for _ in range(600):
         now = answered(owner, now, 3600.0)
     gc.collect()
     before = tracemalloc.get_traced_memory()[0]
-    for _ in range(3000):
+    for _ in range(1500):
         now = answered(owner, now, 3600.0)
     gc.collect()
     grown = tracemalloc.get_traced_memory()[0] - before

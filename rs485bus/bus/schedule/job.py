@@ -111,6 +111,7 @@ class Job:
         "backs_off",
         "caller_cancelled",
         "code",
+        "cuts",
         "ended_at",
         "epoch",
         "expects_reply",
@@ -203,6 +204,8 @@ class Job:
         """Until when it is repeated, however often: its attempts did not take as long as they may."""
         self.attempts = 0
         self.unanswered = 0
+        self.cuts = 0
+        """Attempts for whose answer a stop did not wait."""
         self.feeds = False
         """Its latest attempt was sent to feed a watchdog."""
         self.caller_cancelled = False
@@ -223,5 +226,6 @@ class Job:
 
     @property
     def is_stale(self) -> bool:
-        """Whether what it is meant for was stopped since it was made."""
-        return self.motion is not None and self.motion.epoch != self.epoch
+        """Whether what it is meant for was stopped since it was made. A stop never is."""
+        motion = self.motion
+        return motion is not None and motion.epoch != self.epoch and self.urgency is not Urgency.STOP

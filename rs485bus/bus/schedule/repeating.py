@@ -19,6 +19,9 @@ from rs485bus.wire.registers import Repeat
 _BUSY_PAUSE = 0.1
 """Seconds for which a device is left alone that says it is busy; twice as long after each further time."""
 
+_CUTS = 20
+"""Attempts cut short by stops that do not count: whoever is asked was not given its time."""
+
 End = Callable[[Job, Outcome, Reason], None]
 
 
@@ -80,7 +83,9 @@ class Repeating:
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED, Reason.NONE)
 
     def _may_repeat(self, job: Job, now: float) -> bool:
-        more = job.attempts <= self._retries_of(job) or now < job.patient_until
+        retries = self._retries_of(job)
+        attempts = job.attempts - min(job.cuts, _CUTS) if retries else job.attempts
+        more = attempts <= retries or now < job.patient_until
         return more and job.slot is None and _is_wanted(job, now)
 
     def _read_back(self, job: Job, now: float) -> bool:

@@ -78,8 +78,15 @@ class Pacing(Protocol):
     def is_noisy(self) -> bool:
         """Whether the pair is: what is not acknowledged there was not heard, and every gap counts."""
 
-    def gives_up_after(self, since: float) -> float:
-        """Seconds that three stops in vain must have taken at least before it is said that they were in vain."""
+    def is_cut_short(self, since: float) -> bool:
+        """Whether an answer may come later than it is waited for, or not be heard for noise.
+
+        Three stops prove nothing then.
+        """
+
+    @property
+    def gives_up_after(self) -> float:
+        """Seconds for which it is stopped then before it is said that this was in vain."""
 
     def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
         """When it is stopped again, after it was said that it could not be seen standing.
@@ -170,8 +177,9 @@ class Halt:
         while not self._over:
             if order != self._orders:
                 order, tries, self._evidence_from = self._orders, 0, _FOREVER
+            cut_short = pacing.is_cut_short(self._ordered_at)
             yield from self._stop(pacing)
-            tries += 1
+            tries += not cut_short
             if self._is_worth_a_look(pacing) and (yield from self._see_it_stand(order, pacing)):
                 self.failed = False
                 self._tell(standing=True)
@@ -179,7 +187,7 @@ class Halt:
             if order != self._orders:
                 continue
             self._hardened = self._hardened or self._acknowledged or self._unacknowledged >= _UNACKNOWLEDGED
-            if tries >= STOPS and self._now >= self._ordered_at + pacing.gives_up_after(self._ordered_at):
+            if tries >= STOPS or (cut_short and self._now >= self._ordered_at + pacing.gives_up_after):
                 self.give_up()
             if self.told is not None:
                 until = pacing.next_at(self._now, self._sent_at, self._acknowledged)
@@ -268,10 +276,14 @@ class Halt:
     def _next_look(self, judge: StandstillDetector, pacing: Pacing) -> Job | None:
         """What to ask next; None if a late reply could be taken for every answer."""
 
+        def fresh(request: Request) -> bool:
+            return pacing.late.must_wait(request) == 0
+
         def free(request: Request) -> bool:
             return pacing.late.must_wait(request, self._looks.get(request)) == 0
 
-        request = judge.ask(free)
+        # The answer to a fresh one was asked for now. On a noisy pair most that is owed was never heard.
+        request = judge.ask(free) if pacing.is_noisy else judge.ask(fresh) or judge.ask(free)
         if request is None:
             return None
         look = self._looks.get(request)

@@ -17,8 +17,8 @@ _BRIEF = 0.04
 """Seconds for which an answer of such a device is waited for, so that there is time for a stop and a look."""
 _BRIEFEST = 0.01
 """The same once it was said that it could not be seen standing: others need the pair."""
-_NOISY = 1.0
-"""Seconds for which stops go out on a noisy pair before it is said that they were in vain."""
+_IN_VAIN = 1.0
+"""Seconds, at least, for which a device is stopped that may not be heard, before it is said that this was in vain."""
 
 
 class StopPacing:
@@ -42,7 +42,7 @@ class StopPacing:
 
     def reply_timeout(self, since: float, reported: bool) -> float | None:
         unit = self._unit
-        if not unit.is_stops_only or unit.heard_at >= since:
+        if not unit.is_stops_only or unit.heard_at > since:
             return None
         return min(unit.reply_timeout, _BRIEFEST if reported else _BRIEF)
 
@@ -50,14 +50,13 @@ class StopPacing:
     def is_noisy(self) -> bool:
         return self._pair.was_noisy
 
-    def gives_up_after(self, since: float) -> float:
-        unit = self._unit
-        if self._pair.was_noisy:
-            return _NOISY
-        if self.reply_timeout(since, reported=False) in (None, unit.reply_timeout):
-            return 0.0
-        # It may answer later than it was waited for; then it is heard all the same.
-        return max(_NOISY, STOPS * unit.reply_timeout)
+    def is_cut_short(self, since: float) -> bool:
+        wait = self.reply_timeout(since, reported=False)
+        return self.is_noisy or (wait is not None and wait < self._unit.reply_timeout)
+
+    @property
+    def gives_up_after(self) -> float:
+        return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout)
 
     def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
         unit = self._unit

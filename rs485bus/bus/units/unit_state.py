@@ -222,7 +222,7 @@ class UnitStates:
             self._in_passing = None
         elif job is not unit.question and unit.may_never_answer(request):
             unit.reach.doubted(now, listened)
-            if unit.reach.in_doubt:
+            if unit.reach.in_doubt and unit.halt is None:  # one that is being stopped is asked anyway
                 self._doubted.add(unit)
         else:
             flapping = sum(other.reach.flaps(now) for other in self._by_address.values())

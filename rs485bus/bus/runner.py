@@ -12,8 +12,6 @@ from rs485bus.transport.interface import Transport
 
 _log = logging.getLogger("rs485bus")
 
-_LATE = 0.002
-"""Seconds by which the alarm may be late before what was received is read first."""
 BLOCKED = 0.25
 """Seconds by which the event loop may be late before it is said that something blocks it."""
 _SAID_EVERY = 10.0
@@ -126,9 +124,8 @@ class OwnerRunner:
 
     def _wake(self) -> None:
         """The alarm went off."""
-        late = self._owner.pair.job is not None and self._loop.time() - self._wakes_at > _LATE
-        if late and not self._is_drained:
-            # The loop was held up. The reply may be there and not be read yet: that comes first.
+        if self._owner.pair.job is not None and not self._is_drained:
+            # The reply may be there and not be read yet, on a loop that was held up, say: that comes first.
             self._is_drained = True
             self._loop.call_soon(self._wake)
             return

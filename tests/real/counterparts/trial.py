@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 
 from rs485bus import BusConfig, open_bus
@@ -14,7 +13,6 @@ _CONFIG = BusConfig(reply_timeout=0.3, retries=2, reopen_min=0.05, reopen_max=0.
 
 async def trial(slave: Slave, folder: Path, requests: int, restarts: int) -> Result:
     """Open a bus on a slave and exercise it. Raises `Missing` where something is not installed."""
-    logging.getLogger("rs485bus").setLevel(logging.ERROR)  # ports are lost on purpose
     async with reached(slave, folder) as (url, program):
         try:
             opening = open_bus(url, baudrate=115200, config=_CONFIG)

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.line.echo import EchoQuestion
-from rs485bus.bus.line.serial_line import LOOKS_WAIT, STOP_WAITS, SerialLine
+from rs485bus.bus.line.serial_line import CUT_AFTER, LOOKS_WAIT, STOP_WAITS, SerialLine
 from rs485bus.bus.line.transaction import Kind, Received
 from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
@@ -29,7 +29,7 @@ from rs485bus.bus.stopping.pacing import StopPacing
 from rs485bus.bus.units.asking import hurry, question_for
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.bus.units.probing import listening_time
-from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.units.unit_state import SILENT, UnitState, UnitStates
 from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.bus.watchdog.maker import WatchdogMaker
@@ -88,8 +88,8 @@ class Owner:
         window = config.late_reply_window_of(gateway)
         in_order = config.in_order and not gateway
         self.units = UnitStates(in_order, config.reply_timeout, window, native=native)
-        self.watchdogs = WatchdogMaker(line, silence, self.journal)
         self.pair = SerialLine(line, silence, echo, now)
+        self.watchdogs = WatchdogMaker(self.pair, self.journal)
         self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
         self._register_writes = RegisterWrites(self.feeding, self.gate.hearing, self.watchdogs.make)
         self._queue = Queue()
@@ -199,8 +199,6 @@ class Owner:
         self._timers.run(now)
         for watch in self.feeding.overdue(now):
             self.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
-        if self.feeding.strained:
-            self._give_up_hopeless()
         pair, job, frame, wake = self.pair, None, None, FOREVER
         if pair.job is not None:
             wake = pair.wait_until(self._stop_waits())
@@ -211,6 +209,8 @@ class Owner:
             wake = self._look_at()
             if now >= wake:
                 self._wake = FOREVER  # who is told meanwhile that a job was dropped may submit another
+                if self.feeding.strain.holds:
+                    self._give_up_hopeless()
                 job, wake = self._choose()
                 wake = min(wake, self._wake)
                 start = max(now, pair.quiet_at)
@@ -287,7 +287,10 @@ class Owner:
             pacing = StopPacing(unit, self.feeding, self.pair, self.units.listening)
             self.start(halt.run(pacing), lambda stands: self._halted(unit, stands))
         else:
+            waiting = {job.request for job in self._queue.of(unit.address) if job.urgency is Urgency.STOP}
             for request in halt.again(motion, emergency, self.now):
+                if request in waiting:
+                    continue  # it is as good as a further one
                 self.submit(
                     Job(request, urgency=Urgency.STOP, ignores_late_replies=True, internal=True, retries=0), self.now
                 )
@@ -306,6 +309,8 @@ class Owner:
         unit = self.units[watch.address]
         attached = unit.attached
         assert attached is not None
+        if self.now >= watch.over:
+            unit.unheard(watch.heard_at, SILENT)
         unit.locked = f"its watchdog may have stopped it: {reason}"
         # Outside of a block nothing is armed again; but what can be read to be on is fed again.
         unit.rearm = watch.timeout if unit.guarded or _can_be_read(unit) else None
@@ -342,11 +347,15 @@ class Owner:
     # What goes next
 
     def _stop_waits(self) -> float | None:
-        """Since when a stop waits that could go now if nothing were on the wire; None if there is none."""
+        """Since when a stop waits that what is on the wire is cut for: it could go then, and nothing trips for that.
+        None if there is none."""
         if not self._queue.has(Urgency.STOP):
             return None
-        stops = self._queue.heads(Urgency.STOP)
-        return min((job.queued_at for job in stops if self.gate.wait(job, self.now) <= self.now), default=None)
+        job, now = self.pair.job, self.now
+        if job is not None and job.feeds and not self.feeding.may_wait(job.address, now):
+            return None
+        stops = (stop for stop in self._queue.heads(Urgency.STOP) if not self.gate.is_rationed(stop, now))
+        return min((stop.queued_at for stop in stops if self.gate.wait(stop, now) <= now), default=None)
 
     def _free_at(self) -> float:
         """From when on the next frame may be handed out, if nothing is out."""
@@ -378,7 +387,7 @@ class Owner:
                 return job, again
             wake = min(wake, again)
         if watch is not None:
-            other = self._take_its_turn() if self.feeding.yields else None
+            other = self._take_its_turn() if self.feeding.strain.yields else None
             return self._feed(watch, wake) if other is None else (other, wake)
         wake = min(wake, self.feeding.look_at)
         job, again = self._queue.take(self._admit, _SOON)
@@ -461,7 +470,7 @@ class Owner:
         if job is None:
             job, _ = self._queue.take_rest(self._admit)
         if job is None:
-            self.feeding.starved(self.now)
+            self.feeding.strain.starved(self.now)
         return job
 
     def _choose_among_noise(self, wake: float) -> tuple[Job | None, float]:
@@ -511,7 +520,10 @@ class Owner:
             job.motion.commanded(start)
         unit = self.units[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
-        self.feeding.sent(job.feeds)
+        if unit.asked_in_vain and job.urgency is Urgency.STOP and self.feeding.guards_others(job.address):
+            # Whether it is there is known when it was silent for its time; others must not trip for that.
+            timeout = min(timeout, max(CUT_AFTER, unit.silent_since + timeout - start))
+        self.feeding.strain.sent(job.feeds)
         self.pair.begin(job, start, timeout, self.units.late(self.now))
         if job.reply_timeout is None and unit.late.in_order and (not job.request.writes or self._may_be_hurried(job)):
             # Others are served then. The reply may come until it is owed no more all the same.
@@ -625,8 +637,9 @@ class Owner:
             self._repeating.after_exception(job, meaning, self.now)
             return
         self.feeding.heard(unit.address, since, job.sent_at)
-        if job.feeds:
-            self.feeding.fed(unit.address, self.now - job.sent_at + self.pair.silence)
+        if job.feeds and since == job.sent_at:
+            air = self.pair.line.airtime(len(job.request.adu) + len(frame))
+            self.feeding.fed(unit.address, self.now - job.sent_at - air)
         if job.request.writes:
             self._register_writes.acknowledged(job, unit)
         if unit.attached is not None and job.internal and since == job.sent_at:
@@ -644,6 +657,7 @@ class Owner:
         in_doubt = how == "no reply" and self.pair.exchange.is_in_doubt
         job.heard = self.pair.exchange.heard() or job.heard
         owed_until = max(self.pair.owed_until, self.now)
+        unit.unheard(job.sent_at)
         self.units.owes(unit, job, owed_until)
         self._note(job, frame, how, self.now)
         if not job.request.writes:
@@ -659,7 +673,7 @@ class Owner:
                 self.units.unanswered(unit, job, self.now)
         self.pair.end(self.units.late(self.now), self.now, answered=False)
         self._fed_nothing(job, how)
-        if self.feeding.armed and job.urgency in _STOPPING and self.gate.is_rationed(job):
+        if job.urgency in _STOPPING and self.feeding.guards_others(job.address):
             self.gate.ration.spend(self.now - job.sent_at, self.now)
         read = unit.harmless_read
         if in_doubt and self._repeating.after_doubt(job, read(), lambda why: self._was_in_doubt(job, why), self.now):
@@ -702,7 +716,7 @@ class Owner:
 
     def _fed_nothing(self, job: Job, how: str = "refused") -> None:
         """The job's latest attempt was not acknowledged."""
-        if job.feeds:
+        if job.feeds or (job.urgency in _STOPPING and how != "refused"):
             job.feeds = False
             self.feeding.failed(job.address, self.now, self.now - job.sent_at, cut=how == "cut")
 

@@ -8,7 +8,7 @@ from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.schedule.job import Job, Reason, Urgency
 from rs485bus.bus.schedule.pauses import PauseKeeper
 from rs485bus.bus.schedule.queue import READY
-from rs485bus.bus.stopping.ration import SILENT, StopRation
+from rs485bus.bus.stopping.ration import StopRation
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.bus.watchdog.reckoning import add_up
@@ -33,7 +33,7 @@ class AdmissionControl:
         "_echo",
         "_feeding",
         "_line",
-        "_silence",
+        "_pair",
         "_turnaround",
         "_units",
         "closed",
@@ -46,12 +46,12 @@ class AdmissionControl:
     )
 
     def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding, turnaround: float) -> None:
+        self._pair = pair
         self._line = pair.line
         self._echo = pair.exchange.question
         self.pauses = PauseKeeper(pair)
         self._units = units
         self._feeding = feeding
-        self._silence = pair.silence
         self._turnaround = turnaround
         self.ration = StopRation()
         """Of stops to devices that do not answer."""
@@ -119,17 +119,19 @@ class AdmissionControl:
     def _takes(self, job: Job) -> float:
         """How long it may take the wire."""
         if job.is_broadcast:
-            return self._line.budget(len(job.request.adu), self._turnaround, 0) + self._silence
+            return self._line.budget(len(job.request.adu), self._turnaround, 0) + self._pair.silence
         unit = self._units[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
         pause = unit.pause if job.pause is None else job.pause
         length = job.request.length or MAX_FRAME
-        return pause + self._line.budget(len(job.request.adu), timeout, length) + self._silence
+        waits = timeout + self._pair.latency
+        return pause + self._line.budget(len(job.request.adu), waits, length) + self._pair.silence
 
     def longest_wait(self, request: Request) -> float:
         """How long the answer to a request may be waited for, in seconds, lest an armed watchdog trips."""
-        budget = self._line.budget(len(request.adu), 0.0, request.length or MAX_FRAME)
-        return self._feeding.slack - budget - self._silence
+        pair = self._pair
+        budget = pair.line.budget(len(request.adu), pair.latency, request.length or MAX_FRAME)
+        return self._feeding.slack - budget - pair.silence
 
     def check_wait(self, unit: UnitState, reply_timeout: float, pause: float) -> None:
         """Refuse to wait longer for a device than the armed watchdogs allow: it is asked unbidden, to feed it, say.
@@ -220,18 +222,22 @@ class AdmissionControl:
     def _wait_for_feeds(self, job: Job, now: float) -> float:
         """Until when it must wait lest an armed watchdog trips; forever, where what comes first is a feed."""
         feeding = self._feeding
-        if job.urgency in _STOPPING and self.is_rationed(job):
-            if self.ration.free_at() > now:
-                return self.ration.free_at()
-        elif job.urgency is Urgency.STOP or not feeding.pressed:
-            return READY
-        return READY if feeding.affords(self._takes(job), now) else _FOREVER
+        if job.urgency in _STOPPING and self.is_rationed(job, now):
+            if self.ration.free_at > now:
+                return self.ration.free_at
+            return READY if feeding.spares(self._takes(job), now) else _FOREVER
+        if job.urgency is Urgency.STOP:
+            # A stop waits for no feed, unless stops in vain have taken their share, and something would trip.
+            pressed = self.ration.free_at > now and feeding.guards_others(job.address)
+        else:
+            pressed = feeding.pressed
+        return _FOREVER if pressed and not feeding.affords(self._takes(job), now) else READY
 
-    def is_rationed(self, job: Job) -> bool:
+    def is_rationed(self, job: Job, now: float) -> bool:
         """Whether it is meant to stop a device that does not answer, while others are guarded."""
         if job.is_broadcast or not self._feeding.guards_others(job.address):
             return False
-        return self._units[job.address].reach.missed_in_a_row >= SILENT
+        return self._units[job.address].is_silent(now)
 
 
 def _is_unconfirmed(unit: UnitState) -> bool:

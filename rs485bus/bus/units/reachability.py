@@ -70,11 +70,6 @@ class Reachability:
         """Whether it is to be asked for what it has answered before: what it left unanswered is no evidence."""
         return self._doubts >= _DOUBTS and not self.offline
 
-    @property
-    def missed_in_a_row(self) -> int:
-        """Attempts in a row that were not answered."""
-        return self._streak
-
     def flaps(self, now: float) -> bool:
         """Whether it fell silent only just now."""
         return now - self._silent_at < FLAPPING

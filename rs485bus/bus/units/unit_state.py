@@ -8,7 +8,7 @@ from typing import Literal
 from rs485bus.bus.line.numbered import NumberedReplies
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.endings import Endings
-from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.loss import share_lost
@@ -21,6 +21,9 @@ from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request
 
+SILENT = 2
+"""Attempts in a row without an answer after which a device is hardly there."""
+
 
 class UnitState:
     """One address on the pair."""
@@ -28,6 +31,7 @@ class UnitState:
     __slots__ = (
         "address",
         "answers",
+        "asked_in_vain",
         "attached",
         "former",
         "halt",
@@ -49,6 +53,7 @@ class UnitState:
         "reply_timeout",
         "reply_times",
         "restoring",
+        "silent_since",
         "silent_until",
         "watchdog_ms",
     )
@@ -80,6 +85,10 @@ class UnitState:
         self.answers = AnsweredRequests()
         self.is_stops_only = False
         """Nothing but stops until it stands: neither polled nor fed."""
+        self.asked_in_vain = 0
+        """Attempts in a row that were not answered, those cut short for a stop included."""
+        self.silent_since = NEVER
+        """When the first of them was made."""
         self.silent_until = NEVER
         """No frame at all before this time."""
         self.locked = ""
@@ -98,6 +107,15 @@ class UnitState:
         """What its register held before that, in ms; None if that is not known."""
         self.watchdog_ms: int | None = None
         """What this bus wrote into its register last, in ms, if the device took it; None if that is not known."""
+
+    def is_silent(self, now: float) -> bool:
+        """Whether it has answered none of its latest attempts, and had time for it."""
+        return self.asked_in_vain >= SILENT and now >= self.silent_since + self.reply_timeout
+
+    def unheard(self, since: float, attempts: int = 1) -> None:
+        """So many attempts, the first one at `since`, were not answered."""
+        self.silent_since = min(self.silent_since, since) if self.asked_in_vain else since
+        self.asked_in_vain += attempts
 
     @property
     def guarded(self) -> bool:
@@ -198,6 +216,7 @@ class UnitStates:
 
     def answered(self, unit: UnitState, request: Request) -> None:
         """The unit answered a request: it is not offline."""
+        unit.asked_in_vain = 0
         if request is not unit.answers.latest:
             unit.answers.add(request)
         if unit.reach.answered():
@@ -207,6 +226,7 @@ class UnitStates:
 
     def heard(self, unit: UnitState, now: float) -> None:
         """The unit gave a sign of life that answers nothing that is waited for."""
+        unit.asked_in_vain = 0
         if unit.reach.heard(now):
             self._lost.discard(unit)
 
@@ -220,7 +240,7 @@ class UnitStates:
             if unit is not self._in_passing:
                 self.listening.spend(listened, now)
             self._in_passing = None
-        elif job is not unit.question and unit.may_never_answer(request):
+        elif job is not unit.question and job.urgency is not Urgency.STOP and unit.may_never_answer(request):
             unit.reach.doubted(now, listened)
             if unit.reach.in_doubt and unit.halt is None:  # one that is being stopped is asked anyway
                 self._doubted.add(unit)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from rs485bus.bus.watchdog.reckoning import SHARE
 
+_SLOWER = 1.25
 MARGIN = 0.001
 """Seconds by which an answer may be late that is waited for as briefly as can be; and a quarter of a feed."""
 
@@ -46,13 +47,21 @@ class ArmedWatchdog:
     """How long one feed takes the wire, if it is answered. Admission reckons with it."""
     heard_at: float
     armed_at: float
+    overhead: float = 0.0
+    """The part of that in which the device is not waited for: the bytes, and the silences."""
     attempt: float = 0.0
-    """How long one feed takes the wire, if it is not answered."""
+    """How long one feed takes the wire, if it is not answered. After a failure it may be a longer read."""
     occupies: float = 0.0
     """How long the longest request of its facade may take the wire."""
     ledger: Ledger = field(default_factory=Ledger)
     takes: float = field(init=False)
-    """How long one feed took of late."""
+    """How long one feed is expected to take."""
+    known: float = field(init=False)
+    """How long it took of late, a single slow one left out."""
+    latest: float = field(init=False)
+    """How long the latest one took."""
+    guessed: bool = False
+    """What it is expected to take was concluded from feeds of other devices."""
     failures: int = 0
     """Feeds in a row that were not answered."""
     retry_at: float = 0.0
@@ -63,7 +72,7 @@ class ArmedWatchdog:
     due: float = field(init=False)
 
     def __post_init__(self) -> None:
-        self.takes = self.cost
+        self.takes = self.known = self.latest = self.cost
         self.ledger.heard(self.heard_at, self.heard_at)
         self.heard(self.heard_at)
 
@@ -71,6 +80,13 @@ class ArmedWatchdog:
         """It acknowledged a frame that was sent at `since`."""
         self.heard_at = since
         self.due = since + SHARE * self.timeout
+
+    def measured(self, took: float) -> None:
+        """One feed took so many seconds."""
+        took, self.latest = min(took, max(self.latest, self.known)), took
+        # A device that has become slow is known to be slow at once, and to be quick again by and by.
+        self.known += (took - self.known) * (1.0 if took > _SLOWER * self.known else 0.25)
+        self.takes, self.guessed = self.known, False
 
     def set_timeout(self, timeout: float) -> None:
         """Its register holds another time."""

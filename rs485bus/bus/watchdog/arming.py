@@ -66,13 +66,13 @@ class Arming:
         if not (yield from self._measure(ended)):
             return ended
         try:
-            self._admit(ended)
+            admit_watchdogs(owner, self._devices, self._timeout, self.turnarounds)
         except WatchdogInfeasible:
             for _ in range(_MEASURED_AGAIN):
                 if not (yield from self._measure(ended)):
                     return ended
             try:
-                self._admit(ended)
+                admit_watchdogs(owner, self._devices, self._timeout, self.turnarounds)
             except WatchdogInfeasible as error:
                 ended.infeasible = error
                 return ended
@@ -101,15 +101,15 @@ class Arming:
                 self._took[device.address].append(max(0.0, job.ended_at - job.sent_at - air))
         return not self._cancelled
 
-    def _admit(self, ended: Armed) -> None:
-        turnarounds = {address: median(took) for address, took in self._took.items() if took}
-        admit_watchdogs(self._owner, self._devices, self._timeout, turnarounds)
+    @property
+    def turnarounds(self) -> dict[int, float]:
+        """Seconds that each device took before it answered, by address."""
+        return {address: median(took) for address, took in self._took.items() if took}
 
     def _arm(self, device: DeviceAdapter) -> Procedure[Job | None]:
         """Arm one device. Returns the job that tells whether it is armed; None if it was cancelled."""
         arming = _feed if self._only_feed else arm_one
-        took = self._took[device.address]
-        steps = arming(self._owner, device, self._timeout, median(took) if took else None)
+        steps = arming(self._owner, device, self._timeout, self.turnarounds.get(device.address))
         sent: object = None
         while True:
             try:

@@ -44,13 +44,15 @@ def next_feed(
     if unit.late:
         # One whose reply is not owed, or else one that proves less.
         unit.late.expire(now)
-        request = next((read for read in reads if not unit.late.must_wait(read)), request)
+        free = [read for read in reads if not unit.late.must_wait(read)]
+        request = min(free, key=lambda read: read.length, default=request)
     watch.ledger.feeds += 1
     job = Job(request, urgency=Urgency.FEED, ignores_late_replies=True, internal=True, retries=0)
     job.feeds = True
-    if not in_full:
-        # Others would trip if this one were waited for as long as it may take.
-        job.reply_timeout = max(_BRIEFEST, unit.reply_timeout - (watch.attempt - wait))
+    # A device that has become slow is to be heard: it is waited for longer than it usually takes, unless others would
+    # trip for that.
+    waits = unit.reply_timeout if in_full else max(_BRIEFEST, wait - watch.overhead)
+    job.reply_timeout = min(waits, unit.reply_timeout)
     return job
 
 

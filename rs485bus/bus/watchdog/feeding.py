@@ -16,6 +16,8 @@ from operator import attrgetter
 
 from rs485bus.bus.watchdog.armed import ArmedWatchdog, Ledger
 from rs485bus.bus.watchdog.reckoning import LOST, SHARE, Reckoning, add_up, admit, latest_start
+from rs485bus.bus.watchdog.strain import Strain
+from rs485bus.bus.watchdog.tempo import Tempo
 
 __all__ = ["SHARE", "ArmedWatchdog", "Feeding", "admit"]
 
@@ -28,8 +30,6 @@ _SLOWER = 1.25, 0.001
 _EARLY = 1.005
 """Devices that were fed one behind the other are due one behind the other. They are begun with a little earlier than
 that, so that something else may go between them."""
-_ROW = 2
-"""Feeds after which something else has its turn, where feeds need more than was admitted."""
 _due = attrgetter("due")
 _takes = attrgetter("takes")
 _least_wait = attrgetter("least_wait")
@@ -48,20 +48,20 @@ class Feeding:
         "_ample",
         "_company",
         "_latest",
+        "_live_first_until",
         "_misses",
         "_over_at",
         "_planned",
         "_rest_until",
-        "_starved_since",
+        "_tempo",
         "_tripped",
         "_watches",
         "look_at",
         "on_escape",
         "on_strain",
         "reckoning",
-        "row",
         "slack",
-        "strained",
+        "strain",
         "turnaround",
     )
 
@@ -74,26 +74,25 @@ class Feeding:
         """Of those that are not fed any more."""
         self._company: list[ArmedWatchdog] = []
         """What may be fed together with one that was due, the earliest due last."""
-        self._ample = False
-        """There is time for an attempt to feed each of them of which none is answered."""
+        self._ample = _SOON
+        """How much later than it is due each of them may be fed, and yet none of these feeds be answered."""
+        self._tempo = Tempo()
         self._misses = 0
         """All failures in a row, of all of them."""
+        self._live_first_until = _SOON
+        """More has failed than admission reckons with, and may do so again until then."""
         self._rest_until = _SOON
         """No feed before, to a device that missed its last two."""
         self._latest = _SOON
         """When feeding must begin, at the latest. Not kept exact: hearing a device only ever puts that off."""
-        self._starved_since: float | None = None
         self.look_at = float("inf")
         """When to ask for `due` again. Hearing a device only ever puts that off, so it is not kept exact."""
         self._over_at = float("inf")
         self.reckoning: Reckoning | None = None
         """What feeding all of them takes; None while none is armed or about to be."""
-        self.strained = False
-        """Feeds need more than was admitted: devices have become slow, or a time was made shorter."""
+        self.strain = Strain()
         self.slack = float("inf")
         """How long one request may take the wire, in seconds, lest a device trips."""
-        self.row = 0
-        """How many feeds in a row were sent."""
         self.on_escape: Callable[[ArmedWatchdog], None] | None = None
         """Told of each device, once, that was heard only in the last quarter of its time: `longest` says when."""
         self.on_strain: Callable[[Reckoning, ArmedWatchdog], None] | None = None
@@ -157,19 +156,21 @@ class Feeding:
         self._latest = _SOON
         watches = [*self._watches.values(), *self._planned.values()]
         if not watches:
-            self.reckoning, self.strained, self.slack = None, False, float("inf")
+            self.reckoning, self.slack = None, float("inf")
+            self.strain.ends()
             return
         for watch in self._watches.values():
             watch.cost = watch.takes
         self.reckoning = reckoning = add_up(watches, self.turnaround)
-        self._ample = sum(watch.attempt for watch in watches) <= reckoning.available - reckoning.longest
+        self._ample = reckoning.available - sum(watch.attempt for watch in watches)
         # What was admitted is not refused because feeding takes longer now.
         self.slack = max(reckoning.slack, reckoning.longest)
-        strained, self.strained = self.strained, bool(self._watches) and not reckoning.fits
-        if not self.strained:
-            self._starved_since = None
-        elif not strained and self.on_strain is not None:
-            self.on_strain(reckoning, max(watches, key=_takes))
+        if not self._watches or reckoning.fits:
+            self.strain.ends()
+        elif not self.strain.holds:
+            self.strain.holds = True
+            if self.on_strain is not None:
+                self.on_strain(reckoning, max(watches, key=_takes))
 
     def wait_longer(self, address: int, longer: float) -> None:
         """The answers of a device are waited for so many seconds longer from now on."""
@@ -201,13 +202,15 @@ class Feeding:
             if watch.retry_at != _MUTED:
                 watch.retry_at = 0.0
 
-    def fed(self, address: int, took: float) -> None:
-        """A feed was answered, and took the wire for so many seconds."""
+    def fed(self, address: int, turnaround: float) -> None:
+        """A feed was answered, after so many seconds."""
         watch = self._watches.get(address)
         if watch is not None:
-            watch.takes += (took - watch.takes) / 4
+            self._tempo.measured(watch, watch.overhead + turnaround, self._watches.values())
             times, more = _SLOWER
-            if watch.takes > times * watch.cost + more or times * watch.takes + more < watch.cost:
+            changed = watch.takes > times * watch.cost + more or times * watch.takes + more < watch.cost
+            if changed or self._tempo.guessed:
+                self._tempo.guessed = False
                 self.reckon()
 
     def failed(self, address: int, now: float, cost: float, *, cut: bool = False) -> None:
@@ -225,7 +228,18 @@ class Feeding:
             watch.retry_at += max(0.0, min(cost, to_spare))
             if self._misses > LOST:
                 self._rest_until = now + cost
+        if self._misses > LOST:
+            self._live_first_until = now + max(watch.timeout for watch in self._watches.values())
         self.look_at = min(self.look_at, watch.retry_at)
+
+    def may_wait(self, address: int, now: float) -> bool:
+        """Whether a feed that is on the wire may be cut short and made again, lest anything trips."""
+        watch = self._watches.get(address)
+        if watch is None:
+            return True
+        # One that has missed two feeds is hardly there.
+        until = self._room(watch) if watch.failures >= LOST else min(self._room(watch), watch.over - watch.takes)
+        return now + watch.attempt + self._reserve <= until
 
     def mute(self, address: int) -> None:
         """Do not feed the device until it is unmuted."""
@@ -247,7 +261,7 @@ class Feeding:
         """The watch to feed now, the earliest due first; None while there is time."""
         if now < self.look_at:
             return None
-        as_admitted = self._misses <= LOST
+        as_admitted = now >= self._live_first_until
         start, before, first = float("inf"), 0.0, None
         watches = sorted(self._watches.values(), key=_due)
         for watch in watches:
@@ -277,7 +291,7 @@ class Feeding:
         admission reckons with: none of the others must trip for them."""
         missing = [watch for watch in self._watches.values() if watch.failures and watch.retry_at != _MUTED]
         missing.sort(key=lambda watch: (watch.failures >= LOST, watch.over))
-        room, again = self._room(), float("inf")
+        room, again = self._room() - self._reserve, float("inf")
         for watch in missing:
             at = max(watch.retry_at, self._rest_until) if watch.failures >= LOST else watch.retry_at
             if at > now:
@@ -291,14 +305,20 @@ class Feeding:
         live = [watch for watch in self._watches.values() if not watch.failures and watch is not but]
         return latest_start(live, _least_wait)
 
+    @property
+    def _reserve(self) -> float:
+        """The time that admission leaves to attempts that fail."""
+        return 0.0 if self.reckoning is None else self.reckoning.failed
+
     def wait(self, watch: ArmedWatchdog, now: float) -> float:
         """How long the wire may be taken by an attempt to feed a device, if it is not answered.
 
         That is all that its reply may take, as long as the others can be fed after it even if none of them answers.
         """
-        if self._ample and not self._misses:
+        if now <= watch.due + self._ample and not self._misses:
             return watch.attempt
-        return min(max(self._room(watch) - now, watch.least_wait), watch.attempt)
+        room = self._room(watch) - (self._reserve if watch.failures and now < self._live_first_until else 0.0)
+        return min(max(room - now, watch.least_wait), watch.attempt)
 
     def soon(self, now: float) -> ArmedWatchdog | None:
         """The watch to feed now though there is time, because others were just fed; None if there is none."""
@@ -332,7 +352,7 @@ class Feeding:
     @property
     def pressed(self) -> bool:
         """Whether something may trip if anything else takes the wire: feeds failed, or need more than was admitted."""
-        return self._misses > 0 or self.strained
+        return self._misses > 0 or self.strain.holds
 
     def affords(self, seconds: float, now: float) -> bool:
         """Whether the wire may be taken for so long lest a device trips that has missed two feeds at most."""
@@ -349,45 +369,12 @@ class Feeding:
 
     def spares(self, seconds: float, now: float) -> bool:
         """As `affords`, and two attempts may fail besides, where all is well."""
-        reserve = 0.0 if self.pressed or self.reckoning is None else self.reckoning.failed
-        return self.affords(seconds + reserve, now)
-
-    @property
-    def yields(self) -> bool:
-        """Whether something else has a turn though a device is due."""
-        return self.strained and self.row >= _ROW
-
-    def starved(self, now: float) -> None:
-        """Something else had a turn, and did not fit."""
-        if self._starved_since is None:
-            self._starved_since = now
-
-    def sent(self, feeds: bool) -> None:
-        """A frame goes out: a feed, or something else."""
-        if feeds:
-            self.row += 1
-        else:
-            self.row, self._starved_since = 0, None
+        return self.affords(seconds + (0.0 if self.pressed else self._reserve), now)
 
     def hopeless(self, now: float) -> ArmedWatchdog | None:
-        """The device that must be given up, lest others trip or nothing else ever goes; None if none must.
-
-        That is the slowest: of those that cannot all be fed in time, or of all if nothing else had a turn for the
-        shortest of their times.
-        """
-        live = [watch for watch in self._watches.values() if not watch.failures and watch.retry_at != _MUTED]
-        if len(live) < 2:
-            return None
-        if self._starved_since is not None and now > self._starved_since + min(watch.timeout for watch in live):
-            self._starved_since = None
-            return max(live, key=_takes)
-        before, upto = now, []
-        for watch in sorted(live, key=lambda watch: watch.over):
-            before += watch.takes
-            upto.append(watch)
-            if before > watch.over:
-                return max(upto, key=_takes)
-        return None
+        """The device that must be given up now; see `Strain`."""
+        watches = self._watches.values()
+        return self.strain.hopeless((each for each in watches if not each.failures and each.retry_at != _MUTED), now)
 
     def _forget(self, watch: ArmedWatchdog | None) -> None:
         if watch is not None:

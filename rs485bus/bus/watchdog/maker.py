@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.burst import USUAL_TURNAROUND
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.armed import ArmedWatchdog, Ledger
-from rs485bus.wire.timing import LineSettings
 
 
 class WatchdogMaker:
     """Makes the armed watchdogs of one bus.
 
     Args:
-        line: how characters travel.
-        silence: seconds that must stand between two frames.
+        pair: the pair.
         journal: the latest transactions.
     """
 
-    __slots__ = ("_journal", "_line", "_silence")
+    __slots__ = ("_journal", "_pair")
 
-    def __init__(self, line: LineSettings, silence: float, journal: Journal) -> None:
-        self._line = line
-        self._silence = silence
+    def __init__(self, pair: SerialLine, journal: Journal) -> None:
+        self._pair = pair
         self._journal = journal
 
     def make(self, unit: UnitState, timeout: float, since: float, turnaround: float | None = None) -> ArmedWatchdog:
@@ -36,21 +34,25 @@ class WatchdogMaker:
         """
         device = unit.attached
         assert device is not None
-        line, quiet, feed = self._line, self._silence + unit.pause, device.reads()[0]
+        pair, reads = self._pair, device.reads()
+        line, quiet = pair.line, pair.silence + unit.pause
+        longest = unit.reply_timeout + pair.latency
+        overhead = line.airtime(len(reads[0].adu) + reads[0].length) + quiet
         if turnaround is None:
             turnaround = self._latest_turnaround(unit.address)
         return ArmedWatchdog(
             unit.address,
             timeout,
-            line.budget(len(feed.adu), turnaround, feed.length) + quiet,
+            overhead + turnaround,
             heard_at=since,
             armed_at=since,
-            attempt=line.budget(len(feed.adu), unit.reply_timeout, feed.length) + quiet,
-            occupies=line.budget(device.longest, unit.reply_timeout, 0) + quiet,
+            overhead=overhead,
+            attempt=max(line.budget(len(read.adu), longest, read.length) for read in reads) + quiet,
+            occupies=line.budget(device.longest, longest, 0) + quiet,
             ledger=unit.ledger or Ledger(),
         )
 
     def _latest_turnaround(self, address: int) -> float:
         answers = (record for record in reversed(self._journal.flight) if record.address == address and record.reply)
         latest = next(answers, None)
-        return USUAL_TURNAROUND if latest is None else latest.turnaround(self._line)
+        return USUAL_TURNAROUND if latest is None else latest.turnaround(self._pair.line)

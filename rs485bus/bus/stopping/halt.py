@@ -298,7 +298,8 @@ class Halt:
         if look.outcome is not Outcome.REPLY or look.answered_since < self._evidence_from:
             return None
         self.attached.told(look.request, look.reply, look.answered_since)
-        return judge.see(look.request, look.reply, look.answered_since)
+        stands = judge.see(look.request, look.reply, look.answered_since)
+        return None if stands and judge.by_status_alone and not self._acknowledged else stands
 
     def _tell(self, standing: bool) -> None:
         listeners, self._listeners = self._listeners, []

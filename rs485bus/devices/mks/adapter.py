@@ -144,7 +144,8 @@ class _MksJudgement(StandstillDetector):
     def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
         if request is self._reads[0]:
             status = int.from_bytes(payload(reply), "big")
-            if status == Status.STOPPED:
+            self.by_status_alone = status == Status.STOPPED
+            if self.by_status_alone:
                 return True
             return None if status == Status.QUERY_FAILED else False
         last = self._last
@@ -154,5 +155,6 @@ class _MksJudgement(StandstillDetector):
         if sent_at - last[2] < _STANDS_FOR:
             return None
         self._last = (request, reply, sent_at)
+        self.by_status_alone = False
         moved = int.from_bytes(payload(reply), "big") - int.from_bytes(payload(last[1]), "big")
         return True if abs(moved) <= _SAME else None

@@ -55,6 +55,7 @@ class Plant:
             return loop.run_until_complete(task)
         finally:
             asyncio.set_event_loop(None)
+            loop.close()
 
 
 def said_or_stands(plant: Plant, error: Exception | None) -> bool:

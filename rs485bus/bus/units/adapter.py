@@ -18,8 +18,8 @@ class StandstillDetector(ABC):
     """Decides from what a device reports whether it stands. Made anew for every stop frame."""
 
     by_status_alone = False
-    """It was said to stand by its status, which has been seen to lie. That will do where the stop was acknowledged; else
-    it is asked on, until its position shows it."""
+    """It was said to stand by its status, which has been seen to lie. That will do where the stop was acknowledged.
+    Else it is asked on, until its position shows it."""
 
     @abstractmethod
     def ask(self, free: Callable[[Request], bool]) -> Request | None:

@@ -204,6 +204,8 @@ class Port:
         name, reason = self._transport.name, f": {why}" if why else ""
         hung_up = not self._dropped and not self._was_of_use and now - self._opened_at < HANGS_UP_WITHIN
         hint = getattr(self._transport, "hang_up_hint", "") if hung_up else ""
+        if hint and not self._count_answers():
+            hint = f"{hint} {getattr(self._transport, 'silent_hint', '')}".strip()
         self._trouble = f"{name} was lost{reason}. {hint}".strip()
         self._unsaid += 1
         if not aloud:

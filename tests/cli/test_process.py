@@ -73,7 +73,7 @@ def test_the_demo_in_the_background_of_a_script_stops_every_axis_when_it_is_term
         plant = Plant()
         async with plant.demo(preexec_fn=as_in_the_background) as process:
             process.send_signal(number)
-            output, errors = await asyncio.wait_for(process.communicate(), 8)
+            output, errors = await asyncio.wait_for(process.communicate(), 30)
             assert b"Every axis was stopped and seen standing." in output
             assert b"Traceback" not in errors
             assert process.returncode == 130
@@ -91,7 +91,7 @@ def test_a_signal_that_the_command_was_started_to_ignore_stays_ignored() -> None
             assert process.returncode is None
             assert plant.moving()
             process.send_signal(signal.SIGINT)
-            await asyncio.wait_for(process.communicate(), 8)
+            await asyncio.wait_for(process.communicate(), 30)
             plant.check_stopped()
 
     in_real_time(main)
@@ -104,7 +104,7 @@ def test_a_second_and_a_third_signal_do_not_keep_the_motors_from_being_stopped()
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
                 process.send_signal(number)
                 await asyncio.sleep(0.005)
-            output, errors = await asyncio.wait_for(process.communicate(), 8)
+            output, errors = await asyncio.wait_for(process.communicate(), 30)
             assert b"Every axis was stopped and seen standing." in output
             assert b"Traceback" not in errors
             assert process.returncode == 130
@@ -120,7 +120,7 @@ def test_the_demo_whose_output_nobody_reads_any_more_stops_every_axis_and_ends()
         async with plant.demo(theirs) as process:
             os.close(theirs)
             os.close(ours)
-            assert await asyncio.wait_for(process.wait(), 20) == 1
+            assert await asyncio.wait_for(process.wait(), 40) == 1
             assert process.stderr is not None
             assert await process.stderr.read() == b""
             plant.check_stopped()
@@ -138,7 +138,7 @@ def test_sim_in_the_background_of_a_script_ends_when_it_is_terminated(number: si
         assert process.stdout is not None
         await asyncio.wait_for(process.stdout.readline(), 20)
         process.send_signal(number)
-        assert await asyncio.wait_for(process.wait(), 8) == 130
+        assert await asyncio.wait_for(process.wait(), 30) == 130
 
     in_real_time(main)
 

@@ -8,7 +8,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -23,6 +23,7 @@ from rs485bus.errors import NoReply, NotSent, PortBusy, PortError, PortPermissio
 from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.transport import serial as serial_transport
 from rs485bus.transport import serialx_port
+from rs485bus.transport.holders import holders
 from rs485bus.wire.timing import LineSettings
 from tests.bus.support import Deaf
 from tests.real.support import in_real_time, posix, running
@@ -37,6 +38,15 @@ def backend(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
         pytest.importorskip("serialx", reason="serialx is missing: pip install serialx")
     monkeypatch.setitem(globals(), "open_bus", functools.partial(rs485bus.open_bus, backend=request.param))
     return str(request.param)
+
+
+async def until(holds: Callable[[], bool]) -> None:
+    """Wait for something, ten seconds at the most."""
+    for _ in range(1000):
+        if holds():
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError("it did not come")
 
 
 BANK = {register: 100 + register for register in range(16)}
@@ -141,7 +151,7 @@ def test_a_port_is_opened_again_on_the_same_adapter_only(
         async with open_bus(str(link), baudrate=115200, config=config) as bus:
             assert await bus.unit(1).read_holding_registers(3) == [103]
             await port.aclose()
-            await asyncio.sleep(0.1)
+            await until(lambda: not bus.connected)
             reading = asyncio.create_task(bus.unit(1).read_holding_registers(3, timeout=10))
             async with await foreign.serve_pty(link) as other:
                 plug(other.path, "B2")
@@ -167,7 +177,7 @@ def test_a_program_that_reads_along_is_named_where_replies_go_missing(caplog: py
             bus = await open_bus(port.path, baudrate=115200, config=BusConfig(reply_timeout=0.3))
             await asyncio.sleep(0.3)  # at opening it was looked already
             async with running("sh", "-c", f"exec sleep 30 < {port.path}") as other:
-                await asyncio.sleep(0.2)
+                await until(lambda: other.pid in holders(port.path))
                 with pytest.raises(NoReply, match=rf"sleep \(process {other.pid}\) has {port.path} open, too"):
                     await bus.unit(1).read_holding_registers(0)
                 assert "takes bytes away: close it." in caplog.text
@@ -180,9 +190,9 @@ def test_a_program_that_has_the_port_open_already_is_named_at_opening(caplog: py
     async def main() -> None:
         line = VirtualLine(SimUnit(1, BANK))
         async with await line.serve_pty() as port, running("cat", port.path) as cat:
-            await asyncio.sleep(0.2)
+            await until(lambda: str(cat.pid) in str(holders(port.path)))
             async with open_bus(port.path, baudrate=115200):
-                await asyncio.sleep(0.5)
+                await until(lambda: "open, too" in caplog.text)
             assert f"cat (process {cat.pid}) has {port.path} open, too" in caplog.text
 
     in_real_time(main)

@@ -39,12 +39,7 @@ class Connection(SinkProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self.transport = transport
-        sock = transport.get_extra_info("socket")
-        with contextlib.suppress(OSError):  # one that is lost already is told so elsewhere
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-            for name, value in _OPTIONS.items():
-                if hasattr(socket, name):
-                    sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+        set_up(transport)
 
     def eof_received(self) -> None:
         """The other end has closed. asyncio would wait until everything is sent, which may be never."""
@@ -59,13 +54,11 @@ class Connection(SinkProtocol):
     @property
     def unsent(self) -> int:
         """Bytes that have not left this machine, or that the other one does not acknowledge, where the system tells."""
-        if self.transport.is_closing():
-            return 0
-        return self.transport.get_write_buffer_size() + _stuck(self.transport.get_extra_info("socket"))
+        return unsent(self.transport)
 
     def abort(self) -> None:
         """Reset it now; the sink is told."""
-        self._will_reset()
+        will_reset(self.transport)
         self.transport.abort()
 
     async def aclose(self) -> None:
@@ -75,13 +68,30 @@ class Connection(SinkProtocol):
 
     def _drop_unsent(self) -> None:
         if self.unsent:
-            self._will_reset()
+            will_reset(self.transport)
 
-    def _will_reset(self) -> None:
-        """Have it end by a reset: what the system still holds is dropped then."""
-        with contextlib.suppress(OSError):
-            sock = self.transport.get_extra_info("socket")
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
+
+def set_up(transport: asyncio.BaseTransport) -> None:
+    """Have a TCP connection send at once, and notice that the other end is gone."""
+    sock = transport.get_extra_info("socket")
+    with contextlib.suppress(OSError):  # one that is lost already is told so elsewhere
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in _OPTIONS.items():
+            if hasattr(socket, name):
+                sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
+def unsent(transport: asyncio.WriteTransport) -> int:
+    """Bytes that have not left this machine, or that the other one does not acknowledge, where the system tells."""
+    if transport.is_closing():
+        return 0
+    return transport.get_write_buffer_size() + _stuck(transport.get_extra_info("socket"))
+
+
+def will_reset(transport: asyncio.BaseTransport) -> None:
+    """Have a TCP connection end by a reset: what the system still holds is dropped then."""
+    with contextlib.suppress(OSError):
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
 
 
 async def connect(name: str, host: str, port: int, sink: Sink, what: str) -> Connection:

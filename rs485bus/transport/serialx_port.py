@@ -13,6 +13,7 @@ from serial.rs485 import RS485Settings
 
 from rs485bus.errors import NotSupported, PortError, PortNotFound
 from rs485bus.transport.alarm import Alarm, make_alarm
+from rs485bus.transport.connection import set_up, unsent, will_reset
 from rs485bus.transport.direction import switch_direction
 from rs485bus.transport.interface import Sink, SinkProtocol, Transport
 from rs485bus.transport.serial import Direction, SerialTransport, check_taken, explained, no_direction
@@ -168,17 +169,22 @@ class NetworkPort:
         self._url = url
         self._transport: Any = None
         self._protocol: SinkProtocol | None = None
+        self._tcp: asyncio.Transport | None = None
+        """The TCP connection beneath it, where there is one of its own."""
 
     async def open(self, sink: Sink) -> None:
         """Connect. Raises `PortError`, which says what to do."""
         serialx = _serialx()
         protocol = self._protocol = SinkProtocol(sink)
-        self._transport = None
+        self._transport = self._tcp = None
         try:
             options: dict[str, Any] = {"connect_timeout": CONNECT_TIMEOUT}
             if self._url.startswith("rfc2217://"):
                 options["transport_cls"] = _less_demanding(serialx.get_serial_classes(self._url)[1])
             self._transport = await _connect(protocol, self._url, self.line, **options)
+            self._tcp = getattr(self._transport, "_tcp_transport", None)
+            if self._tcp is not None:
+                set_up(self._tcp)
         except TimeoutError as error:
             raise PortNotFound(
                 f"{self.name} did not answer within {CONNECT_TIMEOUT:g} s. Check its address and power, and that it "
@@ -198,14 +204,20 @@ class NetworkPort:
 
     @property
     def unsent(self) -> int:
+        if self._tcp is not None:
+            return unsent(self._tcp)
         return 0 if self._transport is None else int(self._transport.get_write_buffer_size())
 
     def abort(self) -> None:
         if self._transport is not None:
+            if self._tcp is not None:
+                will_reset(self._tcp)
             self._transport.abort()
 
     async def close(self) -> None:
-        transport, self._transport = self._transport, None
+        if self._tcp is not None and unsent(self._tcp):
+            will_reset(self._tcp)
+        transport, self._transport, self._tcp = self._transport, None, None
         if transport is not None and self._protocol is not None:
             await self._protocol.close(transport)
 

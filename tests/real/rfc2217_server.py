@@ -1,5 +1,6 @@
 """pyserial's RFC 2217 server on a pseudo-terminal: `python rfc2217_server.py <path> <TCP port>`."""
 
+import contextlib
 import socket
 import sys
 import threading
@@ -22,7 +23,11 @@ class Client:
 
 
 def main() -> None:
-    listener = socket.create_server(("127.0.0.1", int(sys.argv[2])))
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2304)  # as small as can be
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.bind(("127.0.0.1", int(sys.argv[2])))
+    listener.listen()
     print("ready", flush=True)
     while True:
         connection, _ = listener.accept()
@@ -39,8 +44,9 @@ def main() -> None:
                     return
 
         threading.Thread(target=to_client, daemon=True).start()
-        while data := connection.recv(256):
-            port.write(b"".join(manager.filter(data)))
+        with contextlib.suppress(ConnectionError):
+            while data := connection.recv(256):
+                port.write(b"".join(manager.filter(data)))
         port.close()
         connection.close()
 

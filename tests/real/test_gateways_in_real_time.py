@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import signal
 import socket
 import struct
 import sys
@@ -113,7 +114,8 @@ def test_a_gateway_that_hangs_up_at_once_leaves_reads_with_an_error_that_says_wh
                 await bus.unit(1).read_holding_registers(0, timeout=2.0)
             hanging_up.cancel()
         assert 4 <= connects <= 7
-        assert sum(record.levelno >= logging.WARNING for record in caplog.records) == 1
+        said = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+        assert sum("socket://" in text for text in said) == 1
 
     in_real_time(main)
 
@@ -213,6 +215,44 @@ def test_a_port_of_another_machine_by_rfc_2217(server: str, tmp_path: Path) -> N
             await bus.unit(3).write_register(5, 0xFF)
             values = [await bus.unit(3).read_holding_registers(at) for at in range(6)]
             assert values == [[100], [101], [102], [103], [104], [0xFF]]
+
+    in_real_time(main)
+
+
+class Recorder(VirtualLine):
+    """Keeps what is sent."""
+
+    seen = b""
+
+    def transmit(self, data: bytes, now: float) -> None:
+        self.seen += data
+
+
+@posix
+def test_nothing_old_arrives_at_a_port_of_another_machine_that_stopped_reading() -> None:
+    pytest.importorskip("serialx", reason="serialx is missing: pip install serialx")
+    server = str(Path(__file__).with_name("rfc2217_server.py"))
+
+    async def main() -> None:
+        line = Recorder(baudrate=1_000_000)
+        number = free_port()
+        quick = {"retries": 0, "reply_timeout": 0.02, "late_reply_window": 0.05}
+        config = BusConfig(**quick, echo=False, offline_after=100)  # type: ignore[arg-type]
+        async with (
+            await line.serve_pty() as pty,
+            running(sys.executable, server, pty.path, str(number), ready="ready") as process,
+            open_bus(f"rfc2217://127.0.0.1:{number}", baudrate=1_000_000, config=config) as bus,
+        ):
+            process.send_signal(signal.SIGSTOP)
+            mark = 0x4100
+            while bus.connected:
+                mark += 1
+                with contextlib.suppress(OutcomeUnknown):
+                    await bus.unit(3).write_registers(0, [mark] * 120)
+            process.send_signal(signal.SIGCONT)
+            await asyncio.sleep(1.0)
+            assert struct.pack(">H", mark - 1) * 120 in line.seen
+            assert struct.pack(">H", mark) * 120 not in line.seen
 
     in_real_time(main)
 

@@ -19,13 +19,14 @@ from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
 from rs485bus.bus.schedule.verification import Verification
-from rs485bus.bus.stopping.halt import Halted, Procedure, unconfirmed
+from rs485bus.bus.stopping.closing import shut_down, still_stopping
+from rs485bus.bus.stopping.halt import Halted, Procedure
 from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
 from rs485bus.bus.units.broadcast import is_broadcast, moved_by
 from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.watchdog.guard import WatchdogGuard
-from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop, shut_down
+from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop
 from rs485bus.bus.watchdog.releasing import restore_late
 from rs485bus.bus.watchdog.report import warn_of, warn_of_strain
 from rs485bus.errors import AddressInUse, BusClosed, BusError, LoopNotRunning, WrongThread
@@ -148,9 +149,10 @@ class Bus:
         handle: Handle[EmergencyReport] = Handle("emergency stop")
         self._emergency = handle
         _log.warning("emergency stop")
+        # The first stop is on the wire before anybody is told: who is told may do whatever he likes.
+        self.start(emergency_stop(self._owner), handle.finish)
         for member in self._members:
             member.abandon("an emergency stop was made")
-        self.start(emergency_stop(self._owner), handle.finish)
         return handle
 
     def clear_emergency_stop(self) -> None:
@@ -168,6 +170,11 @@ class Bus:
     def latched(self) -> bool:
         """Whether an emergency stop holds."""
         return self._owner.gate.latched
+
+    @property
+    def closing(self) -> bool:
+        """Whether it is being closed, or is closed: nothing is set in motion any more."""
+        return self._owner.gate.closing
 
     @property
     def connected(self) -> bool:
@@ -224,6 +231,7 @@ class Bus:
         if self._closing is None or not self._closing.done():
             self.check_thread()
         if self._closing is None:
+            self._owner.gate.closing = True
             leave = self.config.leave_running if leave_running is None else leave_running
             self._closing = self._loop.create_task(self._close(leave), name="rs485bus closing")
         cancelled = await outlast(self._closing)
@@ -468,7 +476,7 @@ class Bus:
         await outlast(self._loop.create_task(self._port.close()))
 
     def _give_up(self, stopped: asyncio.Future[list[Halted]]) -> None:
-        settle(stopped, unconfirmed(self.devices))
+        settle(stopped, still_stopping(self._owner))
 
     def check_thread(self) -> None:
         """Refuse a call that the event loop of the bus cannot carry out.

@@ -109,6 +109,9 @@ class Opening:
             for failure in bus.failures():
                 if failure is not error:
                     error.add_note(f"Nobody awaited a command that failed: {failure!r}")
+            for halted in bus.stopped:
+                if not halted.standing:
+                    error.add_note(str(_unconfirmed(halted)))
         return False
 
 

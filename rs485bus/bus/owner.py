@@ -46,6 +46,8 @@ _log = logging.getLogger("rs485bus")
 FOREVER = float("inf")
 _LATE = (Kind.LATE, Kind.LATE_EXCEPTION)
 _STOPS = (Urgency.STOP,)
+_STOP_WAITS_FOR_PORT = 1.0
+"""Seconds for which a port may be away before it is said that a device could not be seen standing."""
 _SOON = (Urgency.FEED, Urgency.CONFIRM)
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 _BROADCAST = 32
@@ -244,6 +246,8 @@ class Owner:
             elif unit.attached is not None:
                 unit.attached.motion.stop()
                 unit.attached.interrupted(0.0, "the port was lost")
+            if unit.halt is not None:
+                self._report_if_away(unit.halt)
 
     def _wait_for_port(self) -> None:
         again = self._waiting.for_port(self.now)
@@ -256,20 +260,39 @@ class Owner:
         self.gate.connected = True
         self.pair.restart(now)
         for unit in self.units:
-            if unit.attached is not None and unit.attached.motion.may_move:
+            if unit.attached is not None and (unit.attached.motion.may_move or unit.halt is not None):
                 self.halt(unit, unit.attached.motion, emergency=True)
             elif unit.may_be_armed and not unit.guarded:
                 self.on_released(unit)
 
+    @property
+    def has_plain_stops(self) -> bool:
+        """Whether a stop that somebody sent by himself waits, or is on the wire."""
+        job = self.pair.job
+        out = job is not None and job.urgency is Urgency.STOP and not job.internal
+        return out or any(not job.internal for job in self._queue.of_urgency(Urgency.STOP))
+
+    @property
+    def is_sending(self) -> bool:
+        """Whether a frame is on the wire, or its answer is waited for."""
+        return self.pair.job is not None or self.now < self.pair.air_end
+
     def close(self, now: float) -> None:
-        """End everything that waits."""
+        """End everything that waits, whoever waits for it."""
         self.now = now
-        self.gate.closed = True
+        self.gate.closing = self.gate.closed = True
         if self.pair.job is not None:
             self._unanswered("lost")
+        for job in tuple(self._one_way):
+            sent = now >= self.pair.air_end
+            self._one_way_ended(job, Outcome.REPLY if sent else Outcome.UNKNOWN, Reason.CLOSED)
         for job in self._lingering.end_all():
             self._end(job, _silence_of(job))
         self._flush(self._queue, lambda _: True, Reason.CLOSED)
+        for unit in self.units:
+            if unit.halt is not None:
+                unit.halt.end()
+        self._procedures.end_all(now)
         self._timers.clear()
         self._stops_are_out()
 
@@ -294,9 +317,21 @@ class Owner:
                 self.submit(
                     Job(request, urgency=Urgency.STOP, ignores_late_replies=True, internal=True, retries=0), self.now
                 )
+        if not self.gate.connected:
+            self._report_if_away(halt)
         # The stops are queued by now; and only this device's jobs are looked at, lest a long queue hold them up.
         self._flush(self._queue.of(unit.address), lambda job: job.is_stale, Reason.STOPPED)
         return halt
+
+    def _report_if_away(self, halt: Halt) -> None:
+        """Say before long that a device could not be seen standing, where the port stays away. It is stopped first of
+        all when it is there again. Closing waits for that."""
+
+        def report() -> None:
+            if not self.gate.connected and not self.gate.closing:
+                halt.give_up()
+
+        self.at(self.now + _STOP_WAITS_FOR_PORT, report)
 
     def stops_only(self, unit: UnitState) -> None:
         """Nothing but stops to this device until it stands: neither polls nor feeds."""
@@ -707,7 +742,8 @@ class Owner:
             return
         if how == "no reply" and not job.internal:
             self.units.missed(unit, self.now, self.config.offline_after)
-        self._end(job, _silence_of(job), Reason.UNPLUGGED if how == "lost" else Reason.NONE)
+        lost = Reason.CLOSED if self.gate.closed else Reason.UNPLUGGED
+        self._end(job, _silence_of(job), lost if how == "lost" else Reason.NONE)
 
     def _gave_no_reply(self, job: Job, reason: Reason = Reason.NONE) -> None:
         """The last attempt was not answered within the longest time that the unit may take."""

@@ -23,7 +23,7 @@ from rs485bus.devices.joint import Company, JointMove
 from rs485bus.devices.move import Move
 from rs485bus.devices.pace import Pace, quickest
 from rs485bus.devices.travel import Look
-from rs485bus.errors import EmergencyStopped, LimitExceeded, MoveCancelled, NotSent
+from rs485bus.errors import BusClosed, EmergencyStopped, LimitExceeded, MoveCancelled, NotSent
 
 T = TypeVar("T")
 
@@ -364,6 +364,8 @@ class Axis(Conduct):
     def check_ready(self) -> None:
         """Raise what keeps the axis from taking another command."""
         self.check_open()
+        if self.bus.closing:
+            raise BusClosed(f"{self.name}: the bus is being closed. Nothing is set in motion any more.")
         if not self.bus.connected:
             raise NotSent(
                 f"{self.name}: the port is lost. What is asked for now would happen whenever it is there again: wait "

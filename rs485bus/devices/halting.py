@@ -119,9 +119,10 @@ class Halting(ABC):
 
     def _unconfirmed(self) -> StopUnconfirmed:
         self._blocked = "it was told to stop and could not be seen standing"
+        away = "" if self.bus.connected else ": the port is gone, and it is stopped as soon as that is there again"
         return StopUnconfirmed(
-            f"{self.name} was told to stop and could not be seen standing. Look at the machine; use the hard-wired "
-            "emergency stop. It moves only after enable()."
+            f"{self.name} was told to stop and could not be seen standing{away}. Look at the machine; use the "
+            "hard-wired emergency stop. It moves only after enable()."
         )
 
     def give_up(self, handle: Handle[Any], error: Exception) -> None:

@@ -52,11 +52,11 @@ class SerialLine:
     """
 
     __slots__ = (
-        "_air_end",
         "_brief_until",
         "_first_byte_at",
         "_over_noise",
         "_turn",
+        "air_end",
         "airtime",
         "deadline",
         "exchange",
@@ -94,7 +94,8 @@ class SerialLine:
         """When noise was last in the way of a frame."""
         self.latency = 0.0
         """Seconds for which the port may keep what it has received."""
-        self._air_end = now
+        self.air_end = now
+        """When what was sent last has left the wire."""
         self._first_byte_at: float | None = None
         self._over_noise = False
         """What is out was not preceded by a silence."""
@@ -120,7 +121,7 @@ class SerialLine:
     @property
     def through_noise_at(self) -> float:
         """When a frame may go out that waits for silence no longer. After a frame of our own there is silence."""
-        return self._air_end + self.silence
+        return self.air_end + self.silence
 
     def begin(self, job: Job, start: float, reply_timeout: float, late: Iterable[PendingReplies]) -> None:
         """The job's frame goes out at `start`."""
@@ -128,16 +129,16 @@ class SerialLine:
         air = self.line.airtime(len(request.adu))
         self.airtime += air
         self._over_noise = start < self.quiet_at
-        self._air_end = start + air
-        self.quiet_at = self._air_end + self.silence
+        self.air_end = start + air
+        self.quiet_at = self.air_end + self.silence
         self._first_byte_at = None
         self.exchange.begin(request, late)
         self.is_brief = self._over_noise or (job.urgency in _STOPPING and self.was_noisy)
         if self.is_brief:
-            self._brief_until = self._air_end + _NOISY_WAITS[self._turn % len(_NOISY_WAITS)]
+            self._brief_until = self.air_end + _NOISY_WAITS[self._turn % len(_NOISY_WAITS)]
             self._turn += 1
         else:
-            self.noisy_since = self._air_end
+            self.noisy_since = self.air_end
         if job.expects_reply:
             self.job = job
             budget = self.line.budget(len(request.adu), reply_timeout, request.length or MAX_FRAME)
@@ -146,7 +147,7 @@ class SerialLine:
 
     def is_out(self, now: float) -> None:
         """What was sent is out, as its answer tells, however long it was reckoned to take."""
-        self._air_end = min(self._air_end, now)
+        self.air_end = min(self.air_end, now)
 
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
@@ -154,7 +155,7 @@ class SerialLine:
         if now >= self.quiet_at:
             self.noisy_since = now
         self.heard_at = now
-        self.quiet_at = max(self._air_end, now) + self.silence
+        self.quiet_at = max(self.air_end, now) + self.silence
         if self._first_byte_at is None:
             self._first_byte_at = now
         received = self.exchange.feed(data)
@@ -168,13 +169,13 @@ class SerialLine:
         A stop, asked for at the time given, waits for no more than a silence; where there is none, not much longer.
         """
         over = self.deadline
-        if self.is_brief and (self._over_noise or self.heard_at > self._air_end):
+        if self.is_brief and (self._over_noise or self.heard_at > self.air_end):
             # In a gap a slave is heard at once, if it heard the frame; if not, the gap is for the next one.
-            gap = max(self._air_end + _NOISE, self.heard_at + self.silence)
+            gap = max(self.air_end + _NOISE, self.heard_at + self.silence)
             over = min(over, gap, self._unless_begun(self._brief_until))
         if stop_asked_at is None:
             return over
-        shortest = self._air_end + CUT_AFTER + self.latency
+        shortest = self.air_end + CUT_AFTER + self.latency
         noisy = self._unless_begun(max(shortest, stop_asked_at + STOP_WAITS))
         return min(over, noisy, max(shortest, self.heard_at + CUT_AFTER + self.latency))
 
@@ -195,7 +196,7 @@ class SerialLine:
 
     def restart(self, now: float) -> None:
         """The port was opened anew."""
-        self._air_end = self.noisy_since = self.heard_at = now
+        self.air_end = self.noisy_since = self.heard_at = now
         self.quiet_at = now + self.silence
 
     def record(self, job: Job, reply: bytes, outcome: str, now: float) -> tuple[Record, int]:

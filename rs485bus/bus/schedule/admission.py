@@ -37,6 +37,7 @@ class AdmissionControl:
         "_turnaround",
         "_units",
         "closed",
+        "closing",
         "connected",
         "held_up",
         "latched",
@@ -57,6 +58,8 @@ class AdmissionControl:
         """Of stops to devices that do not answer."""
         self.latched = False
         """An emergency stop was made; nothing moves until it is cleared."""
+        self.closing = False
+        """The bus is being closed: nothing is set in motion any more."""
         self.closed = False
         self.connected = True
         self.held_up: set[UnitState] = set()
@@ -80,6 +83,8 @@ class AdmissionControl:
             return Reason.DISRUPTIVE
         if self._feeding.slack < _FOREVER and self._takes(job) > self._feeding.slack:
             return Reason.TOO_LONG
+        if job.moves and self.closing:
+            return Reason.CLOSED
         if job.moves and self.latched:
             return Reason.LATCHED
         if job.moves and not self.connected:

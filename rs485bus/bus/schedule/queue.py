@@ -127,10 +127,14 @@ class Queue:
         """The first job of this urgency for each address."""
         return [next(iter(line)) for line in self._lanes[urgency].values()]
 
+    def of_urgency(self, urgency: Urgency) -> Iterator[Job]:
+        """The jobs that wait with this urgency."""
+        for line in list(self._lanes[urgency].values()):
+            yield from list(line)
+
     def __iter__(self) -> Iterator[Job]:
-        for lane in self._lanes:
-            for line in list(lane.values()):
-                yield from list(line)
+        for urgency in Urgency:
+            yield from self.of_urgency(urgency)
 
     def of(self, address: int) -> list[Job]:
         """The jobs that wait for one address."""

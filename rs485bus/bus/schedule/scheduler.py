@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -12,6 +13,11 @@ from rs485bus.bus.stopping.halt import Halt, Procedure
 
 T = TypeVar("T")
 
+_log = logging.getLogger("rs485bus")
+
+_ROUNDS = 100
+"""How often a procedure that waits for a time is resumed at the end, before it is taken for one that never ends."""
+
 
 class Scheduler:
     """What the owner drives: procedures.
@@ -21,16 +27,29 @@ class Scheduler:
         timers: call back a procedure that waits for a time.
     """
 
-    __slots__ = ("_submit", "_timers", "now")
+    __slots__ = ("_asleep", "_submit", "_timers", "now")
 
     def __init__(self, submit: Callable[[Job], None], timers: Timers, now: float) -> None:
         self._submit = submit
         self._timers = timers
+        self._asleep: dict[Procedure[Any], Callable[[], None]] = {}
+        """The procedures that wait for a time, and what resumes each."""
         self.now = now
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Drive a procedure to its end, whatever becomes of who started it."""
         self._resume(procedure, done, None)
+
+    def end_all(self, now: float) -> None:
+        """The bus is closed: no time is waited for any more. What waits for a job or a halt is resumed by that."""
+        self.now = now
+        for _ in range(_ROUNDS):
+            if not self._asleep:
+                return
+            asleep, self._asleep = self._asleep, {}
+            for resume in asleep.values():
+                resume()
+        _log.error("procedures that do not end were left at closing: %s", list(self._asleep))
 
     def _resume(self, procedure: Procedure[T], done: Callable[[T], None], value: Any) -> None:
         try:
@@ -46,4 +65,12 @@ class Scheduler:
         elif isinstance(wanted, Halt | Endings):
             wanted.listen(lambda told: self._resume(procedure, done, told))
         else:
-            self._timers.at(wanted, lambda: self._resume(procedure, done, self.now))
+            self._sleep(procedure, wanted, lambda: self._resume(procedure, done, self.now))
+
+    def _sleep(self, procedure: Procedure[Any], until: float, resume: Callable[[], None]) -> None:
+        def wake() -> None:
+            if self._asleep.pop(procedure, None) is not None:
+                resume()
+
+        self._asleep[procedure] = resume
+        self._timers.at(until, wake)

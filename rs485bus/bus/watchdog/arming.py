@@ -60,6 +60,10 @@ class Arming:
         if self._job is not None:
             self._owner.cancel(self._job, self._owner.now)
 
+    @property
+    def _is_over(self) -> bool:
+        return self._cancelled or self._owner.gate.closing
+
     def run(self) -> Procedure[Armed]:
         """Measure how long each device takes to answer, admit them, and arm them one by one."""
         owner, ended = self._owner, Armed()
@@ -77,7 +81,7 @@ class Arming:
                 ended.infeasible = error
                 return ended
         for device in self._devices:
-            job = None if self._cancelled else (yield from self._arm(device))
+            job = None if self._is_over else (yield from self._arm(device))
             if job is not None and job.outcome is not Outcome.REPLY:
                 ended.failed.append(job)
             if owner.feeding.get(device.address) is None:
@@ -87,7 +91,7 @@ class Arming:
     def _measure(self, ended: Armed) -> Procedure[bool]:
         """Ask each device something harmless. False if one does not answer, or it was cancelled."""
         for device in self._devices:
-            if self._cancelled:
+            if self._is_over:
                 return False
             request = device.reads()[0]
             job = self._job = patient(self._owner, request)
@@ -99,7 +103,7 @@ class Arming:
             if job.answered_since == job.sent_at:
                 air = self._owner.pair.line.airtime(len(request.adu) + request.length)
                 self._took[device.address].append(max(0.0, job.ended_at - job.sent_at - air))
-        return not self._cancelled
+        return not self._is_over
 
     @property
     def turnarounds(self) -> dict[int, float]:

@@ -136,6 +136,8 @@ class WatchdogGuard:
         try:
             ended = await _carry_out(bus, Arming(owner, self._devices, self.timeout))
             error = failure(ended.failed[0], bus.flight) if ended.failed else ended.infeasible
+            if error is None and owner.gate.closing:
+                error = BusClosed("The bus is being closed: nothing is guarded by it any more.")
         except asyncio.CancelledError as cancelled:
             error = cancelled
         if error is not None:
@@ -189,7 +191,7 @@ class WatchdogGuard:
                     f"{device.family} {device.address} is guarded by another watchdog block, or was by one that is "
                     "still being left. One block per device: name all axes in one bus.watchdog(...)."
                 )
-        if owner.gate.closed:
+        if owner.gate.closing:
             raise BusClosed("The bus is closed: nothing can be guarded by it any more.")
         if not owner.gate.connected:
             raise NotSent(

@@ -10,7 +10,7 @@ from rs485bus.bus.stopping.halt import Halted, Procedure
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.arming import admit_watchdogs, arm
 from rs485bus.bus.watchdog.lease import Lease
-from rs485bus.bus.watchdog.releasing import left_armed, release, shut_down
+from rs485bus.bus.watchdog.releasing import left_armed, release
 from rs485bus.bus.watchdog.settings import check_watchdog
 from rs485bus.wire.frames import Request
 
@@ -23,7 +23,6 @@ __all__ = [
     "emergency_stop",
     "left_armed",
     "release",
-    "shut_down",
 ]
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.schedule.endings import Endings
-from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.bus.schedule.job import Outcome
 from rs485bus.bus.stopping.halt import Halt, Halted, Procedure
 from rs485bus.bus.units.adapter import DeviceAdapter, WatchdogRegister
 from rs485bus.bus.units.unit_state import UnitState
@@ -81,22 +81,3 @@ def restore_late(owner: Owner, unit: UnitState) -> None:
 def left_armed(owner: Owner, devices: Iterable[DeviceAdapter]) -> list[DeviceAdapter]:
     """Of those that were released, and stand: those whose watchdog may still be armed all the same, and is not fed."""
     return [device for device in devices if owner.units[device.address].may_be_armed and not device.motion.may_move]
-
-
-def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
-    """Stop all that may move, and release all that is armed. Returns how each device ended up.
-
-    Args:
-        owner: the bus.
-        leave_running: turn the watchdogs off, but leave the motors turning.
-    """
-    devices = []
-    for unit in owner.units:
-        device = unit.attached
-        if device is None or not (unit.may_be_armed or device.motion.may_move or owner.feeding.get(unit.address)):
-            continue
-        if not leave_running:
-            devices.append(device)
-        elif device.watchdog is not None and (unit.may_be_armed or owner.feeding.get(unit.address)):
-            yield Job(device.watchdog.write(device.watchdog.off), internal=True)
-    return (yield from release(owner, devices))

@@ -1,0 +1,72 @@
+"""Closing a bus: every stop is confirmed or reported, every watchdog released, before the port is closed. Pure."""
+
+from __future__ import annotations
+
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.stopping.halt import Halted, Procedure
+from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.watchdog.releasing import release
+
+_LOOK_EVERY = 0.001
+
+
+def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
+    """Stop all that may move or was told to stop, release all that is armed, and wait for what is on the wire.
+
+    What is told to stop meanwhile is waited for, too. Nothing that moves is sent from the begin on. Returns how each
+    device ended up.
+
+    Args:
+        owner: the bus.
+        leave_running: turn the watchdogs off, but leave the motors turning that nobody told to stop.
+    """
+    owner.gate.closing = True
+    halted: dict[int, Halted] = {}
+    while True:
+        units = [unit for unit in owner.units if _is_open(owner, unit, halted, leave_running)]
+        stopping = [unit.attached for unit in units if unit.attached is not None]
+        if not stopping:
+            break
+        for ended in (yield from release(owner, stopping)):
+            halted[ended.address] = ended
+    if leave_running:
+        yield from _turn_off(owner)
+    while owner.has_plain_stops:
+        yield owner.now + _LOOK_EVERY
+    owner.gate.closed = True
+    while owner.is_sending:
+        yield owner.now + _LOOK_EVERY
+    return list(halted.values())
+
+
+def still_stopping(owner: Owner) -> list[Halted]:
+    """How the devices ended up that may move still, or were not seen standing, when they are waited for no longer."""
+    return [
+        Halted(unit.address, unit.attached.family, False, 0 if unit.halt is None else unit.halt.stops)
+        for unit in owner.units
+        if unit.attached is not None and (unit.halt is not None or unit.attached.motion.may_move)
+    ]
+
+
+def _is_open(owner: Owner, unit: UnitState, halted: dict[int, Halted], leave_running: bool) -> bool:
+    """Whether a unit has to be stopped yet, or seen standing."""
+    if unit.attached is None:
+        return False
+    if unit.halt is not None and unit.halt.told is None:
+        return True
+    if unit.address in halted:
+        return False
+    moves = unit.attached.motion.may_move or _is_armed(owner, unit)
+    return unit.halt is not None or (moves and not leave_running)
+
+
+def _is_armed(owner: Owner, unit: UnitState) -> bool:
+    return unit.may_be_armed or owner.feeding.get(unit.address) is not None
+
+
+def _turn_off(owner: Owner) -> Procedure[None]:
+    for unit in owner.units:
+        device = unit.attached
+        if device is not None and device.watchdog is not None and _is_armed(owner, unit):
+            yield Job(device.watchdog.write(device.watchdog.off), internal=True)

@@ -207,7 +207,7 @@ class Owner:
             if now >= wake:
                 self._unanswered("no reply" if now >= pair.deadline else "cut")
         start = now
-        if pair.job is None and self.gate.connected:
+        if pair.job is None and self.gate.connected and not self.gate.closed:
             wake = self._look_at()
             if now >= wake:
                 self._wake = FOREVER  # who is told meanwhile that a job was dropped may submit another

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 
+import pytest
+
 from rs485bus import Bus, BusConfig, LineSettings, MksServo, open_bus
 from rs485bus.bus.schedule.job import Outcome
 from rs485bus.errors import StopUnconfirmed
 from rs485bus.sim import VirtualClockLoop
-from rs485bus.wire.frames import write_single
+from rs485bus.wire.frames import read_holding, write_single
 from rs485bus.wire.registers import Repeat
 from tests.endings.cable import Cable
 from tests.endings.calls import Boom, leaves
@@ -91,7 +93,67 @@ def test_a_drive_whose_status_lies_stands_when_the_block_is_left_in_the_middle_o
     assert said_or_stands(plant, error), error
 
 
+@pytest.mark.parametrize("how", ["bus.emergency_stop", "x.stop", "x.emergency_stop"])
+def test_a_stop_in_the_last_line_of_a_block_stops_what_another_program_left_turning(how: str) -> None:
+    plant = Plant()
+
+    async def program(bus: Bus, x: MksServo, y: MksServo) -> None:
+        plant.drives[1]._go(asyncio.get_running_loop().time(), 0, 60, 1e12)
+        if how == "bus.emergency_stop":
+            bus.emergency_stop()
+        elif how == "x.stop":
+            x.stop()
+        else:
+            x.emergency_stop()
+        raise Boom
+
+    error = plant.run(program)
+    assert not plant.turns[1], error
+
+
+def test_a_stop_asked_for_while_the_port_is_away_is_reported_in_bounded_time() -> None:
+    """DESIGN 5: everything ends, also when the port is away."""
+    world = World(PLAIN)
+    world.do_unplug()
+    world.do_stop(1, True, False)
+    world.run(world.now + 40)
+    assert [standing for _, standing in world.stops[0].told] == [False]
+
+
+def test_who_waits_for_a_stop_is_told_when_the_bus_is_closed() -> None:
+    world = World(PLAIN)
+    world.drives[1].dead_until = world.now + 1000
+    world.do_move(1, 60, 0.0)
+    world.run(world.now + 0.5)
+    world.do_stop(1, True, False)
+    world.do_close()
+    assert [standing for _, standing in world.stops[0].told] == [False]
+
+
+def test_an_emergency_stop_awaited_while_the_port_is_away_ends() -> None:
+    plant = Plant()
+
+    async def program(bus: Bus, x: MksServo, y: MksServo) -> None:
+        plant.port.vanish()
+        await asyncio.sleep(0.01)
+        report = await asyncio.wait_for(bus.emergency_stop(), 60)
+        assert not report.all_standing
+
+    error = plant.run(program)
+    assert not isinstance(error, TimeoutError | AssertionError), error
+
+
 # Closing
+
+
+def test_nothing_follows_closing_not_even_a_look_for_a_silent_unit() -> None:
+    world = World(PLAIN)
+    for _ in range(3):
+        world.submit(read_holding(20, 0, 2))
+        world.run(world.now + 0.5)
+    world.do_close()
+    world.run(world.now + 10)
+    assert world.wrong == []
 
 
 # Ends

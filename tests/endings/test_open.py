@@ -54,6 +54,16 @@ def test_an_adapter_that_returns_what_is_sent(echo: str, latency: float, echo_co
     all_done(world, work(world))
 
 
+@pytest.mark.parametrize("echo", ["full", "split"])
+def test_a_write_to_nobody_over_an_echoing_adapter_is_not_done(echo: str) -> None:
+    world = World(Setting(echo=echo, echo_config="auto"))
+    asked = [world.submit(write_single(20, 1, 5), repeat=Repeat.NEVER, moves=True) for _ in range(3)]
+    world.run(world.now + 20)
+    assert all(one.ends == 1 for one in asked)
+    assert Outcome.REPLY not in {one.outcome for one in asked}
+    assert world.finish() == []
+
+
 def test_a_gateway_that_stalls_and_then_answers_everything() -> None:
     # pymodbus-dev/pymodbus#2636
     world = World(Setting(echo_config=False, gateway=True))

@@ -128,6 +128,8 @@ def failure(
         return error(f"Not sent, {why}: {what}.", **details)
     again = f" It was not sent again, {_NOT_SENT[job.reason][1]}." if job.reason in _NOT_SENT else ""
     again = _MEANWHILE.get(job.reason, again) + (advice and f" {advice}")
+    if port and job.reason is Reason.UNPLUGGED:
+        again = f"{_MEANWHILE[job.reason]} {port.rstrip('.')}."
     if job.outcome is Outcome.NO_REPLY:
         return NoReply(
             f"No reply, {_sent(job)}: {what}.{again} {_check(job, explain)} The request may be repeated safely.",

@@ -9,7 +9,7 @@ import pytest
 from rs485bus import Bus, BusConfig, MksServo
 from rs485bus.bus.failure import failure
 from rs485bus.bus.schedule.job import Job, Outcome, Reason
-from rs485bus.errors import NotSent, OutcomeUnknown, PortNotFound
+from rs485bus.errors import NoReply, NotSent, OutcomeUnknown, PortNotFound
 from rs485bus.sim import SimMks, SimUnit, VirtualClockLoop, VirtualLine
 from rs485bus.transport.interface import Sink
 from rs485bus.wire.frames import read_holding
@@ -271,4 +271,16 @@ async def test_a_broadcast_whose_port_is_lost_in_its_turnaround_is_unknown() -> 
     asyncio.get_running_loop().call_later(0.05, line.abort)
     with pytest.raises(OutcomeUnknown, match="port was lost"):
         await bus.broadcast.write_register(0, 1)
+    await bus.aclose()
+
+
+@virtual
+async def test_a_request_that_was_on_the_wire_when_the_port_was_lost_says_why() -> None:
+    line = VirtualLine(SimUnit(1, {0: 7}))
+    bus = await opened(line)
+    asyncio.get_running_loop().call_later(0.05, bus._port.drop, "somebody pulled the plug")
+    with pytest.raises(
+        NoReply, match=r"The port was lost meanwhile\. virtual line was lost: somebody pulled the plug\."
+    ):
+        await bus.unit(2).read_holding_registers(0)
     await bus.aclose()

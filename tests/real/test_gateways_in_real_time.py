@@ -108,14 +108,14 @@ def test_a_gateway_that_hangs_up_at_once_leaves_reads_with_an_error_that_says_wh
     async def main() -> None:
         hanging_up = asyncio.create_task(hang_up())
         async with open_bus(gateway.url) as bus:
-            with pytest.raises(
-                NotSent, match=r"one client at a time.*If the gateway is set to Modbus TCP, open tcp://"
-            ):
+            # It is not sent, or just so before the gateway hangs up.
+            said = r"one client at a time.*If the gateway is set to Modbus TCP, open tcp://"
+            with pytest.raises((NotSent, NoReply), match=said):
                 await bus.unit(1).read_holding_registers(0, timeout=2.0)
             hanging_up.cancel()
-        assert 4 <= connects <= 7
-        said = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
-        assert sum("socket://" in text for text in said) == 1
+        assert 1 <= connects <= 6
+        told = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+        assert sum("socket://" in text for text in told) == 1
 
     in_real_time(main)
 

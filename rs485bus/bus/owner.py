@@ -281,6 +281,9 @@ class Owner:
         """End everything that waits, whoever waits for it."""
         self.now = now
         self.gate.closing = self.gate.closed = True
+        for unit in self.units:
+            if unit.halt is not None:
+                unit.halt.end()
         if self.pair.job is not None:
             self._unanswered("lost")
         for job in tuple(self._one_way):
@@ -289,9 +292,6 @@ class Owner:
         for job in self._lingering.end_all():
             self._end(job, _silence_of(job))
         self._flush(self._queue, lambda _: True, Reason.CLOSED)
-        for unit in self.units:
-            if unit.halt is not None:
-                unit.halt.end()
         self._procedures.end_all(now)
         self._timers.clear()
         self._stops_are_out()

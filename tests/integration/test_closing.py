@@ -107,6 +107,62 @@ async def test_motors_that_are_to_be_left_running_are_stopped_all_the_same_where
     assert [sim.moving(now) for sim in made.sims] == [False, True]
 
 
+@virtual
+async def test_one_that_was_said_to_be_unconfirmed_before_is_tried_again_and_reported() -> None:
+    made = plant(2)
+    await left_turning(made)
+    real = made.sims[0]._commands[0xF7]
+    for sim in made.sims:
+        sim._commands[0xF7] = lambda value, now: None
+    with pytest.raises(ZeroDivisionError):
+        async with bus_on(made) as (bus, (x, y)):
+            for stopped in (x.stop(), y.stop()):
+                with pytest.raises(StopUnconfirmed):
+                    await stopped
+            made.sims[0]._commands[0xF7] = real
+            raise ZeroDivisionError
+    assert {halted.address: halted.standing for halted in bus.stopped} == {1: True, 2: False}
+
+
+@virtual
+async def test_one_that_is_told_to_stop_once_more_while_the_bus_waits_for_another_stop_is_waited_for() -> None:
+    made = plant()
+    bus = await open_bus(made.line, config=BusConfig(echo=False, reply_timeout=0.5))
+    x = MksServo(bus, 1)
+    await x.enable()
+    plain = asyncio.create_task(bus.unit(9).write_register(1, 0, urgency=Urgency.STOP))
+    await asyncio.sleep(0.001)
+    closing = asyncio.create_task(bus.aclose())
+    await asyncio.sleep(0.2)
+    assert not closing.done()
+    again = x.stop()
+    await closing
+    assert again.done()
+    assert again.error is None
+    with pytest.raises(OutcomeUnknown):
+        await plain
+
+
+@virtual
+async def test_however_often_one_is_told_to_stop_while_the_bus_is_being_closed_each_is_confirmed() -> None:
+    made = plant(2)
+    await left_turning(made)
+    made.sims[1]._commands[0xF7] = lambda value, now: None
+    bus = await open_bus(made.line)
+    x, y = (MksServo(bus, sim.address) for sim in made.sims)
+    await x.position()
+    y.stop().add_done_callback(lambda stopped: setattr(stopped, "seen", True))
+    closing = asyncio.create_task(bus.aclose())
+    stopped = []
+    with pytest.raises(BusClosed):
+        for _ in range(1000):
+            stopped.append(x.stop())
+            await asyncio.sleep(0.02)
+    await closing
+    assert len(stopped) > 10
+    assert [handle.error for handle in stopped if handle.done()] == [None] * len(stopped)
+
+
 WAITERS: dict[str, Callable[[Bus, MksServo], Awaitable[Any]]] = {
     "a broadcast in its turnaround": lambda bus, _: bus.broadcast.write_register(0x92, 1),
     "an emergency stop": lambda bus, _: bus.emergency_stop().wait(),

@@ -26,14 +26,14 @@ def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
     while True:
         units = [unit for unit in owner.units if _is_open(owner, unit, halted, leave_running)]
         stopping = [unit.attached for unit in units if unit.attached is not None]
-        if not stopping:
-            break
         for ended in (yield from release(owner, stopping)):
             halted[ended.address] = ended
+        if not stopping and not owner.has_plain_stops:
+            break
+        if not stopping:
+            yield owner.now + _LOOK_EVERY
     if leave_running:
         yield from _turn_off(owner)
-    while owner.has_plain_stops:
-        yield owner.now + _LOOK_EVERY
     owner.gate.closed = True
     while owner.is_sending:
         yield owner.now + _LOOK_EVERY

@@ -166,3 +166,49 @@ def test_a_write_ends_over_an_adapter_whose_echo_lost_its_first_byte() -> None:
     assert one.ends == 1
     assert one.outcome is Outcome.REPLY
     assert world.finish() == []
+
+
+def test_an_axis_stop_awaited_while_the_port_is_away_ends() -> None:
+    plant = Plant()
+    took: list[float] = []
+
+    async def program(bus: Bus, x: MksServo, y: MksServo) -> None:
+        loop = asyncio.get_running_loop()
+        plant.port.vanish()
+        await asyncio.sleep(0.01)
+        begun = loop.time()
+        with pytest.raises(StopUnconfirmed):
+            await asyncio.wait_for(x.stop(), 60)
+        took.append(loop.time() - begun)
+
+    error = plant.run(program)
+    assert any(isinstance(leaf, StopUnconfirmed) for leaf in leaves(error or Boom()))
+    assert took
+    assert took[0] <= 40
+
+
+def test_a_watchdog_block_entered_while_the_port_is_away_ends() -> None:
+    """DESIGN 6: entering is bounded and can be cancelled, also while the port is away."""
+    plant = Plant()
+    took: list[float] = []
+
+    async def program(bus: Bus, x: MksServo, y: MksServo) -> None:
+        loop = asyncio.get_running_loop()
+        plant.port.vanish()
+        await asyncio.sleep(0.01)
+        begun = loop.time()
+        with pytest.raises(Exception):  # noqa: B017, PT011 - whichever says that the port is away
+            async with bus.watchdog(x, timeout=1.0):
+                pass
+        took.append(loop.time() - begun)
+        begun = loop.time()
+        with pytest.raises(Exception):  # noqa: B017, PT011
+            async with asyncio.timeout(0.5), bus.watchdog(y, timeout=1.0):
+                pass
+        took.append(loop.time() - begun)
+
+    error = plant.run(program)
+    assert not isinstance(error, TimeoutError), error
+    assert len(took) == 2
+    assert took[0] <= 40
+    assert took[1] <= 3

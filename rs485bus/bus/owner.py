@@ -103,6 +103,8 @@ class Owner:
         """Jobs that nobody answers, in their turnaround."""
         self._wake = FOREVER
         self._lead = 0.0
+        self.host_slack = 0.0
+        """Seconds by which this computer may be late to hand a reply over."""
         self._missed = 0
         """The unit that left the latest request unanswered; 0 if that was answered."""
         self._after_stops: list[Callable[[], None]] = []
@@ -562,7 +564,7 @@ class Owner:
         self.pair.begin(job, start, timeout, self.units.late(self.now))
         if job.reply_timeout is None and unit.late.in_order and (not job.request.writes or self._may_be_hurried(job)):
             # Others are served then. The reply may come until it is owed no more all the same.
-            self.pair.deadline -= timeout - unit.reply_times.wait(job, timeout)
+            self.pair.deadline -= max(0.0, timeout - unit.reply_times.wait(job, timeout) - self.host_slack)
         if not job.expects_reply:
             sent = self.pair.quiet_at - self.pair.silence
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround

@@ -13,6 +13,8 @@ from rs485bus.bus.runner import OwnerRunner
 from rs485bus.errors import PortError
 from rs485bus.transport.interface import Transport
 
+HOST_SLACK = 0.008
+"""Seconds by which a computer that does other things may be late to hand over what a real port received."""
 _log = logging.getLogger("rs485bus")
 
 SAID_EVERY = 60.0
@@ -146,6 +148,7 @@ class Port:
         self._opened_at = self._loop.time()
         self._answers = self._count_answers()
         self._owner.pair.latency = getattr(self._transport, "receive_latency", 0.0)
+        self._owner.host_slack = HOST_SLACK if hasattr(self._transport, "receive_latency") else 0.0
         return self._lost_while_opening
 
     def _try_later(self) -> None:

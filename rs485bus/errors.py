@@ -111,6 +111,10 @@ class DeviceRefused(RequestFailed):
     """
 
 
+class WatchdogNotSupported(DeviceRefused, NotSupported):
+    """The drive refused to have its watchdog set: its firmware has none. Nothing was armed."""
+
+
 class NotSent(RequestFailed):
     """The request never reached the wire: cancelled, flushed, expired, or the bus was closed. Nothing was done."""
 

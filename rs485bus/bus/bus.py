@@ -25,6 +25,7 @@ from rs485bus.bus.unit import Broadcast, Unit
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
 from rs485bus.bus.units.broadcast import is_broadcast, moved_by
 from rs485bus.bus.units.motion import Motion
+from rs485bus.bus.watchdog.foreign import turn_off
 from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop
 from rs485bus.bus.watchdog.releasing import restore_late
@@ -286,6 +287,10 @@ class Bus:
             )
         unit.attach(attached)
         self._members.append(member)
+        if self.config.foreign_watchdog == "off":
+            self._owner.now = self._loop.time()
+            turn_off(self._owner, attached)
+            self._pump.run()
 
     def submit(self, job: Job) -> None:
         """Put a job into the queue; it goes out at once if the wire is free."""

@@ -42,6 +42,10 @@ class BusConfig:
     """Whether the adapter returns what is sent. "auto" finds out with the first frame, which is a read."""
     close_timeout: float = 5.0
     """How long closing may take to see every axis standing. 0.1..60."""
+    foreign_watchdog: Literal["keep", "off"] = "keep"
+    """What becomes of a watchdog that another program has left armed in a drive. "keep" leaves it as it is: it stops
+    the motor whenever the drive is not asked for a while. "off" turns it off when the drive's facade is made; a drive
+    that is shipped with its watchdog on loses that, too, until a watchdog block sets it."""
     leave_running: bool = False
     """Leave motors turning when the bus is closed without an error."""
     reopen_min: float = 0.1
@@ -75,6 +79,8 @@ class BusConfig:
             _within("silence", self.silence, 0, 1)
         if self.echo not in ("auto", True, False):
             raise ValueError(f"echo {self.echo!r} is none of 'auto', True, False")
+        if self.foreign_watchdog not in ("keep", "off"):
+            raise ValueError(f"foreign_watchdog {self.foreign_watchdog!r} is neither 'keep' nor 'off'")
         flag("in_order", self.in_order)
         flag("leave_running", self.leave_running)
         if isinstance(self.rs485_direction, RS485Settings):

@@ -340,22 +340,35 @@ class Owner:
         unit.is_stops_only = True
         self.feeding.mute(unit.address)
 
+    def restarted(self, unit: UnitState) -> None:
+        """The device was seen to have started anew, which whoever saw it tells. Its watchdog register may be back at
+        its default: inside of a block it counts as tripped, so that it is armed again before it moves."""
+        unit.watchdog_ms = None
+        watch = self.feeding.get(unit.address)
+        if watch is not None and unit.guarded:
+            self._lock(unit, watch, "it has started anew, and its watchdog may be off")
+
     def trip(self, watch: ArmedWatchdog, reason: str) -> None:
         """The device may have been stopped by its watchdog: it moves only after it was armed again."""
-        self.feeding.trip(watch)
         unit = self.units[watch.address]
-        attached = unit.attached
-        assert attached is not None
+        assert unit.attached is not None
         if self.now >= watch.over:
             unit.unheard(watch.heard_at, SILENT)
-        unit.locked = f"its watchdog may have stopped it: {reason}"
+        self._lock(unit, watch, f"its watchdog may have stopped it: {reason}")
+        unit.attached.interrupted(self.now - watch.heard_at, reason)
+
+    def _lock(self, unit: UnitState, watch: ArmedWatchdog, why: str) -> None:
+        """It moves only after it was enabled again, and is fed only then."""
+        attached = unit.attached
+        assert attached is not None
+        self.feeding.trip(watch)
+        unit.locked = why
         # Outside of a block nothing is armed again; but what can be read to be on is fed again.
         unit.rearm = watch.timeout if unit.guarded or _can_be_read(unit) else None
         attached.motion.stop()
         self._flush(self._queue.of(watch.address), lambda job: job.is_stale, Reason.LOCKED)
         if attached.motion.may_move:
             self.halt(unit, attached.motion, emergency=True)
-        attached.interrupted(self.now - watch.heard_at, reason)
 
     def _give_up_hopeless(self) -> None:
         """Where devices answer too slowly for all to be fed, stop the slowest instead of starving the others."""
@@ -562,7 +575,7 @@ class Owner:
             timeout = min(timeout, max(CUT_AFTER, unit.silent_since + timeout - start))
         self.feeding.strain.sent(job.feeds)
         self.pair.begin(job, start, timeout, self.units.late(self.now))
-        if job.reply_timeout is None and unit.late.in_order and (not job.request.writes or self._may_be_hurried(job)):
+        if job.reply_timeout is None and unit.late.in_order and self._may_be_hurried(job):
             # Others are served then. The reply may come until it is owed no more all the same.
             self.pair.deadline -= max(0.0, timeout - unit.reply_times.wait(job, timeout) - self.host_slack)
         if not job.expects_reply:
@@ -578,8 +591,11 @@ class Owner:
         return job.request.adu
 
     def _may_be_hurried(self, job: Job) -> bool:
-        """Whether a write is waited for no longer than the unit usually takes. Its last attempts are not: a reply that
-        comes late may be that to an equal write before it."""
+        """Whether a job is waited for no longer than the unit usually takes. A look that was missed is not, for the
+        unit may have become slow; and the last attempts of a write are not: a reply that comes late may be that to an
+        equal write before it."""
+        if not job.request.writes:
+            return job.attempts == 1 or job.urgency is not Urgency.CONFIRM
         return job.is_repeatable and (job.internal or job.attempts <= self._retries_of(job))
 
     def _retries_of(self, job: Job) -> int:

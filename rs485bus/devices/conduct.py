@@ -279,13 +279,13 @@ class Conduct(Travel):
         if unit.lapsed:
             raise RearmRequired(f"{self.name} was stopped because {unit.locked}: renew() the lease, then enable().")
         stood = None if self.motion.may_move else self._seen
-        if unit.locked or self._blocked or unit.halt is not None:
+        if unit.locked or self._blocked or unit.halt is not None or unit.rearm is not None:
             halted = await self._halted(self._halt(emergency=True, motion=self.attached.motion))
             if not halted.standing:
                 raise self._unconfirmed()
-            unit.locked = self._blocked = ""
             if unit.rearm is not None:
-                await self._rearm(unit.rearm)
+                await self._rearm(unit.rearm)  # where that fails it stays locked: its watchdog may be armed
+            unit.locked = self._blocked = ""
         await self._set_up()
         if self._enabled is None and await self._turns():
             # Another program left it turning.

@@ -10,7 +10,16 @@ import pytest
 
 from rs485bus import MksServo, open_bus
 from rs485bus.bus.schedule.job import Urgency
-from rs485bus.errors import BusError, DeviceRefused, NotGuarding, NotSent, RequestFailed, WatchdogInUse, WrongThread
+from rs485bus.errors import (
+    BusError,
+    DeviceRefused,
+    NotGuarding,
+    NotSent,
+    NotSupported,
+    RequestFailed,
+    WatchdogInUse,
+    WrongThread,
+)
 from rs485bus.sim import VirtualLine
 from tests.integration.guarded import SET_HEARTBEAT, FaultyMks, line_of, mks_bus, within, zlac_bus
 from tests.integration.support import virtual
@@ -268,9 +277,10 @@ async def test_after_a_refused_arming_nothing_is_said_of_a_heartbeat_that_was_ne
             return body + crc(body)
 
         sim.receive = refuse  # type: ignore[method-assign]
-        with caplog.at_level(logging.WARNING, "rs485bus"), pytest.raises(DeviceRefused):
+        with caplog.at_level(logging.WARNING, "rs485bus"), pytest.raises(NotSupported, match="its firmware") as refused:
             async with bus.watchdog(x, timeout=0.6):
                 pass
+        assert isinstance(refused.value, DeviceRefused)
         assert "could not be set back" not in caplog.text
         assert bus.owner.feeding.all() == []
         await x.enable()

@@ -79,7 +79,10 @@ class ReplyTimes:
             job: what is asked. It may have been missed before.
             longest: the longest time the unit may take.
         """
-        wait = self._kinds[_kind(job)].wait
+        kind = _kind(job)
+        wait = self._kinds[kind].wait
+        if kind is RequestKind.READ and wait < (fed := self._kinds[RequestKind.FEED].wait) < _UNKNOWN:
+            wait = fed  # feeds are reads, too, and wait for whatever comes: they find out that the unit has become slow
         if self._slow and wait < _UNKNOWN:
             wait = max(wait, self._slow.get(job.request.adu, 0.0))
         return wait if wait < longest else longest

@@ -14,6 +14,7 @@ from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.bus.stopping.halt import Procedure
 from rs485bus.bus.units.adapter import DeviceAdapter, WatchdogRegister
 from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.watchdog.armed import ArmedWatchdog
 from rs485bus.bus.watchdog.reckoning import LOST, admit
 from rs485bus.bus.watchdog.settings import check_watchdog, look_at, patient, set_watchdog
 from rs485bus.errors import WatchdogInfeasible
@@ -134,6 +135,19 @@ def admit_watchdogs(
 ) -> None:
     """Refuse to arm what cannot be fed in time. What is admitted is to be armed at once: it counts from now on.
 
+    Arguments and errors as for `check_feasible`.
+    """
+    owner.feeding.plan(check_feasible(owner, devices, timeout, turnarounds))
+
+
+def check_feasible(
+    owner: Owner,
+    devices: Iterable[DeviceAdapter],
+    timeout: float,
+    turnarounds: Mapping[int, float] | None = None,
+) -> list[ArmedWatchdog]:
+    """Refuse what cannot be fed in time; return the watchdogs as they would be armed.
+
     Args:
         owner: the bus.
         devices: what is to be armed.
@@ -155,7 +169,7 @@ def admit_watchdogs(
     attempts = [watch.attempt for watch in watches for _ in range(LOST)]
     longest = max(owner.feeding.turnaround, *(watch.occupies for watch in watches))
     admit(watches, attempts, longest, measured=turnarounds is not None)
-    owner.feeding.plan(planned.values())
+    return list(planned.values())
 
 
 def arm(owner: Owner, devices: Sequence[DeviceAdapter], timeout: float) -> Procedure[list[Job]]:

@@ -12,15 +12,24 @@ from rs485bus.arguments import positive, real
 from rs485bus.bus.failure import failure
 from rs485bus.bus.handle import Handle, outlast, settle
 from rs485bus.bus.protocol import BusProtocol
+from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.bus.stopping.halt import Halted, unconfirmed
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
 from rs485bus.bus.watchdog.armed import Ledger
-from rs485bus.bus.watchdog.arming import Armed, Arming, admit_watchdogs
+from rs485bus.bus.watchdog.arming import Armed, Arming, check_feasible
 from rs485bus.bus.watchdog.lease import Lease
 from rs485bus.bus.watchdog.releasing import left_armed, release
 from rs485bus.bus.watchdog.report import WatchReport, feeds_expected, warn_of, warn_of_strain
 from rs485bus.bus.watchdog.settings import check_watchdog
-from rs485bus.errors import BusClosed, NotGuarding, NotSent, StopUnconfirmed, WatchdogInUse
+from rs485bus.errors import (
+    BusClosed,
+    NotGuarding,
+    NotSent,
+    RequestFailed,
+    StopUnconfirmed,
+    WatchdogInUse,
+    WatchdogNotSupported,
+)
 
 __all__ = ["WatchReport", "WatchdogGuard", "admit_and_arm", "warn_of", "warn_of_strain"]
 
@@ -34,9 +43,11 @@ async def admit_and_arm(bus: BusProtocol, device: DeviceAdapter, timeout: float)
     Raises:
         WatchdogInfeasible: it could not be fed in time.
     """
-    guarded = bus.owner.units[device.address].guarded
-    arming = Arming(bus.owner, [device], timeout, only_feed=not guarded)
+    unit = bus.owner.units[device.address]
+    arming = Arming(bus.owner, [device], timeout, only_feed=not unit.guarded)
     ended = await _carry_out(bus, arming)
+    if unit.rearm is not None and not unit.locked:
+        unit.locked = "its watchdog could not be armed again"
     if ended.infeasible is not None:
         raise ended.infeasible
     return not ended.failed
@@ -129,19 +140,20 @@ class WatchdogGuard:
         bus, owner = self._bus, self._bus.owner
         bus.check_thread()
         self._check_free()
-        admit_watchdogs(owner, self._devices, self.timeout)
+        check_feasible(owner, self._devices, self.timeout)
         entry = self._entry = _Entry(bus, self._devices, self.timeout, self._lease)
         entry.hold()
         error: BaseException | None = None
         try:
             ended = await _carry_out(bus, Arming(owner, self._devices, self.timeout))
-            error = failure(ended.failed[0], bus.flight) if ended.failed else ended.infeasible
+            error = self._failure(ended.failed[0]) if ended.failed else ended.infeasible
             if error is None and owner.gate.closing:
                 error = BusClosed("The bus is being closed: nothing is guarded by it any more.")
         except asyncio.CancelledError as cancelled:
             error = cancelled
         if error is not None:
-            await self._leave(error)
+            # What was not touched is neither stopped nor asked.
+            await self._leave(error, [device for device in self._devices if owner.units[device.address].may_be_armed])
             raise error
         entry.armed(bus.now())
         bus.poke()
@@ -199,6 +211,23 @@ class WatchdogGuard:
                 "bus.connected, then enter the block."
             )
 
+    def _failure(self, job: Job) -> RequestFailed:
+        """Why the block could not be entered."""
+        device = next(device for device in self._devices if device.address == job.address)
+        watchdog = device.watchdog
+        refused = job.outcome is Outcome.REFUSED and watchdog is not None and watchdog.set_by(job.request) is not None
+        if not refused or (watchdog is not None and watchdog.read() is not None):
+            return failure(job, self._bus.flight)
+        return WatchdogNotSupported(
+            f"{device.family} {device.address} refused to have its watchdog set: its firmware seems to have none, and "
+            "does not notice when the host is gone. Nothing was armed. Update the firmware, or cut its power by a "
+            "safety relay that something else watches.",
+            code=job.code,
+            address=job.address,
+            request=job.request.adu,
+            attempts=job.attempts,
+        )
+
     async def _drain(self) -> None:
         """Wait until nothing is queued or moving. Where the port stays away nothing will be: that is not waited for."""
         draining = asyncio.ensure_future(self._drain_members())
@@ -215,16 +244,21 @@ class WatchdogGuard:
         for member in self._members:
             await member.drain()
 
-    async def _leave(self, error: BaseException | None) -> None:
+    async def _leave(self, error: BaseException | None, devices: Sequence[DeviceAdapter] | None = None) -> None:
         """Stop, confirm, restore: the bus' own job. However often the caller is cancelled, it waits for that, and for
-        no longer than a closing bus does. What could not be seen standing is raised, or told with what is raised."""
+        no longer than a closing bus does. What could not be seen standing is raised, or told with what is raised.
+
+        `devices` are those that were armed; all of them where nothing is said.
+        """
         bus, entry = self._bus, self._entry
+        devices = self._devices if devices is None else devices
         if entry is None:
             return
         if entry.lease is not None:
             entry.lease.end()
         for member in self._members:
-            member.abandon("its watchdog block was left")
+            if member.attached in devices:
+                member.abandon("its watchdog block was left")
         cancelled, halted = None, list[Halted]()
         if not bus.owner.gate.closed:  # else closing the bus has released it
             released: asyncio.Future[list[Halted]] = asyncio.get_running_loop().create_future()
@@ -233,8 +267,8 @@ class WatchdogGuard:
                 entry.let_go()
                 settle(released, ended)
 
-            bus.start(release(bus.owner, self._devices), done)
-            bound = bus.after(bus.config.close_timeout, lambda: settle(released, unconfirmed(self._devices)))
+            bus.start(release(bus.owner, devices), done)
+            bound = bus.after(bus.config.close_timeout, lambda: settle(released, unconfirmed(devices)))
             cancelled = await outlast(released)
             bound.cancel()
             halted = released.result()

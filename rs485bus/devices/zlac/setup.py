@@ -7,12 +7,15 @@ import asyncio
 import logging
 from dataclasses import dataclass
 
+from rs485bus.bus.watchdog.foreign import OPTION
 from rs485bus.bus.watchdog.guard import admit_and_arm
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.driver import ZlacDriver
 from rs485bus.devices.zlac.values import Brake, ControlMode, PowerOnShaft, Side, Synchrony
-from rs485bus.errors import MotionError, NoReply
+from rs485bus.errors import MotionError, NoReply, WatchdogInfeasible
 
+_SHIPPED = 1000
+"""ms: what its watchdog is set to according to the manual."""
 _log = logging.getLogger("rs485bus")
 
 
@@ -149,7 +152,21 @@ async def _watchdog(driver: ZlacDriver, remarks: list[str]) -> int:
             "Move it within `async with bus.watchdog(...)`"
         )
         return milliseconds
-    fed = bus.owner.feeding.get(attached.address) is not None
-    if not fed and not await admit_and_arm(bus, attached, milliseconds / 1000):
+    if bus.owner.feeding.get(attached.address) is not None:
+        return milliseconds
+    if milliseconds != _SHIPPED:
+        remarks.append(
+            f"its watchdog is set to {milliseconds} ms (0x2000), perhaps by another program that was killed. It is fed "
+            f"from now on; {OPTION} turns it off"
+        )
+    try:
+        fed = await admit_and_arm(bus, attached, milliseconds / 1000)
+    except WatchdogInfeasible as error:
+        error.add_note(
+            f"{driver.name} has had its watchdog set to {milliseconds} ms (0x2000) before this program. {OPTION} turns "
+            "it off."
+        )
+        raise
+    if not fed:
         raise NoReply(f"{driver.name} stopped answering while it was set up.", address=attached.address)
     return milliseconds

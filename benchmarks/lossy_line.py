@@ -108,7 +108,7 @@ class LossyLine(PacedLine):
             return frame[:6]
         serial = len(self.reads)
         self.reads.append((reads_at / 1e9, frame[0], frame[1:-2].hex()))
-        return frame[:2] + bytes((2 * frame[5],)) + serial.to_bytes(4, "big") + bytes(2 * frame[5] - 4)
+        return frame[:2] + bytes((2 * frame[5],)) + (serial.to_bytes(4, "big") + bytes(2 * frame[5]))[: 2 * frame[5]]
 
     def _varied(self) -> int:
         """How much later than usual a unit begins to answer."""

@@ -16,6 +16,7 @@ from rs485bus.sim.noise import Noise
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.frames import Request, crc, read_holding, read_input, write_single
+from rs485bus.wire.functions import read_fifo
 from tests.bus.support import BANK, drives
 from tests.bus.test_offline import Switched, poll, throughput
 
@@ -224,6 +225,29 @@ def test_a_unit_is_asked_for_what_its_user_has_named_and_where_reading_changes_s
         assert not rig.owner.units[1].reach.offline
 
 
+@pytest.mark.parametrize("probe", [None, False])
+def test_a_lost_unit_at_a_reserved_address_is_looked_for_too(probe: bool | None) -> None:
+    request = read_holding(250, 0, 2, 255)
+    rig = Rig()
+    rig.owner.units[250].probe = probe  # type: ignore[assignment]
+    rig.done(*(rig.submit(request) for _ in range(5)))
+    assert rig.owner.units[250].reach.offline
+    rig.sent.clear()
+    rig.run(10.0)
+    assert {frame[0] for _, frame in rig.sent} == {250}
+
+
+def test_what_may_change_by_being_read_is_not_asked_to_look_for_a_unit() -> None:
+    fifo = read_fifo(1, 0)
+    rig = Rig(keep_frames=True)
+    rig.done(*(rig.submit(fifo) for _ in range(5)))
+    assert rig.owner.units[1].reach.offline
+    rig.sent.clear()
+    rig.run(10.0)
+    assert len(rig.sent) > 2
+    assert fifo.adu not in {frame for _, frame in rig.sent}
+
+
 def test_what_a_unit_has_answered_is_remembered_in_bounds() -> None:
     answers = AnsweredRequests()
     for register in range(1000):
@@ -239,7 +263,7 @@ def test_what_a_unit_has_answered_is_remembered_in_bounds() -> None:
 
 def test_other_registers_do_not_keep_a_unit_from_being_probed_by_what_it_answers() -> None:
     answers = AnsweredRequests()
-    answers.unanswered = read_holding(1, 0, 1)
+    answers.missed(read_holding(1, 0, 1))
     assert {answers.next_probe(1, ()) for _ in range(6)} >= {read_holding(1, 0, 1), read_input(1, 0, 1)}
     own = [read_input(1, 9, 1), read_input(1, 8, 2)]
     assert {answers.next_probe(1, own) for _ in range(6)} == set(own)

@@ -87,6 +87,11 @@ class AnsweredRequests:
             del known[oldest]
             self._refused.discard(oldest)
 
+    def missed(self, request: Request) -> None:
+        """It did not answer this."""
+        if request.function in _PLAIN_READS:
+            self.unanswered = request
+
     def refused(self, request: Request) -> None:
         """It answered this by an exception."""
         self._refused.add(_place(request))
@@ -129,8 +134,8 @@ def _others(address: int, own: Sequence[Request], unanswered: Request | None) ->
         return
     if unanswered is not None:
         yield unanswered
-    yield read_holding(address, 0, 1)
-    yield read_input(address, 0, 1)
+    yield read_holding(address, 0, 1, HIGHEST_ADDRESS)
+    yield read_input(address, 0, 1, HIGHEST_ADDRESS)
 
 
 def _place(request: Request) -> bytes:

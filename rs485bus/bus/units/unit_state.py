@@ -19,7 +19,7 @@ from rs485bus.bus.units.reply_times import ReplyTimes
 from rs485bus.bus.watchdog.armed import Ledger
 from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.exceptions import Meaning, exception
-from rs485bus.wire.frames import Request
+from rs485bus.wire.frames import HIGHEST_ADDRESS, Request
 
 SILENT = 2
 """Attempts in a row without an answer after which a device is hardly there."""
@@ -159,7 +159,7 @@ class UnitState:
     def harmless_read(self) -> Request:
         """What to ask to see whether anybody answers: what is known to be answered; if it is lost, by turns another."""
         if self.probe is False:
-            return diagnostic(self.address, Diagnostic.QUERY_DATA)
+            return diagnostic(self.address, Diagnostic.QUERY_DATA, highest=HIGHEST_ADDRESS)
         if self.probe is not None:
             return self.probe
         if self.answers.latest is not None and not self.reach.offline:
@@ -233,8 +233,8 @@ class UnitStates:
     def unanswered(self, unit: UnitState, job: Job, now: float) -> None:
         """The job's latest attempt was not answered in its time."""
         listened, request = now - job.sent_at, job.request
-        if not (request.writes or job.internal):
-            unit.answers.unanswered = request
+        if not job.internal:
+            unit.answers.missed(request)
         if unit.reach.offline:
             self._idling.spend(listened, now)
             if unit is not self._in_passing:

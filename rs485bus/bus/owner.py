@@ -218,7 +218,7 @@ class Owner:
                 job, wake = self._choose()
                 wake = min(wake, self._wake)
                 start = max(now, pair.quiet_at)
-            elif pair.is_noisy:
+            elif pair.heard_at + pair.silence > now and pair.is_noisy:
                 job, wake = self._choose_among_noise(wake)
         if job is not None:
             frame = self._send(job, start)
@@ -382,7 +382,10 @@ class Owner:
     def _stops_are_out(self) -> None:
         callbacks, self._after_stops = self._after_stops, []
         for callback in callbacks:
-            callback()
+            try:
+                callback()
+            except Exception:
+                _log.exception("what was to be called when the stops were out failed")
 
     def _halted(self, unit: UnitState, stands: bool) -> None:
         halt, unit.halt = unit.halt, None
@@ -531,7 +534,7 @@ class Owner:
 
     def _admit_over_noise(self, job: Job) -> float:
         verdict = self._admit(job)
-        waits = LOOKS_WAIT if job.attempts and job.urgency is Urgency.CONFIRM else STOP_WAITS
+        waits = LOOKS_WAIT if job.urgency is Urgency.CONFIRM else STOP_WAITS
         waiting_since = max(job.queued_at, self.pair.noisy_since)
         over = max(waiting_since + waits, self.pair.through_noise_at)
         return verdict if verdict != READY or over <= self.now else over

@@ -246,6 +246,18 @@ def test_reads_are_answered_again_as_soon_as_the_noise_is_over() -> None:
     assert job.outcome is Outcome.REPLY
 
 
+def test_a_drive_that_is_silent_after_the_noise_is_over_is_not_asked_without_a_pause() -> None:
+    rig = Rig()
+    (drive,) = running(rig, 1)
+    noisy(rig, for_=0.5)
+    drive.sim.receive = lambda frame, now: None  # type: ignore[method-assign]
+    stopped(rig, drive)
+    rig.run(3.0)
+    rig.sent.clear()
+    rig.run(5.0)
+    assert sum(is_stop(frame) for _, frame in rig.sent) < 12
+
+
 def test_a_broadcast_stop_of_the_family_goes_out_over_noise() -> None:
     rig = Rig()
     (drive,) = running(rig, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import pytest
@@ -17,6 +18,7 @@ from rs485bus.sim.rig import Rig
 from rs485bus.wire.crc import crc
 from rs485bus.wire.frames import read_holding, write_single
 from rs485bus.wire.registers import Repeat
+from rs485bus.wire.timing import LineSettings
 from tests.bus.support import BANK, Deaf, Drive, Scripted, drives
 from tests.bus.test_emergency import guard
 from tests.bus.test_stops import is_stop, running
@@ -171,6 +173,16 @@ def test_a_dead_drive_with_a_long_watchdog_that_is_told_to_stop_again_leaves_a_s
         rig.done(job)
         answered += job.outcome is Outcome.REPLY
     assert answered == 20
+
+
+@pytest.mark.parametrize("baudrate", [4800, 9600, 38400])
+def test_the_acknowledgement_of_a_stop_that_has_begun_is_not_cut_short_by_the_next_stop(baudrate: int) -> None:
+    rig = Rig(line=LineSettings(baudrate=baudrate))
+    running(rig, 6)
+    press(rig)
+    rig.run(1.0)
+    assert all(record.outcome != "cut" for record in rig.owner.journal.flight)
+    assert rig.pair.collisions == 0
 
 
 # A repetition is the same stop
@@ -357,6 +369,73 @@ def test_a_drive_that_is_offline_is_looked_at_by_its_stop_alone() -> None:
     assert rig.now - begun < 0.2
 
 
+def test_one_that_acknowledges_and_moves_on_leaves_others_their_turns_once_that_was_said() -> None:
+    rig = Rig(SimUnit(77, BANK), line=LineSettings(baudrate=9600), config=BusConfig(echo=False))
+    for drive in running(rig, 2):
+        drive.sim._commands[0xF7] = lambda value, now: None
+    reports = press(rig)
+    rig.run(3.0)
+    assert [device.standing for device in reports[0].devices] == [False, False]  # type: ignore[attr-defined]
+    begun = rig.now
+    jobs = [rig.submit(read_holding(77, at, 1), urgency=Urgency.POLL) for at in range(10)]
+    rig.done(*jobs)
+    assert rig.now - begun < 2.0
+    stops = [at for at, frame in rig.sent if is_stop(frame) and frame[0] == 1 and at > begun - 1.0]
+    assert max(later - earlier for earlier, later in itertools.pairwise(stops)) < 0.15
+
+
+def test_an_exception_acknowledges_no_stop_and_a_status_that_lies_does_not_confirm_it() -> None:
+    rig = Rig()
+    (drive,) = running(rig, 1)
+    receive = drive.sim.receive
+    refused: list[bytes] = []
+
+    def lying(frame: bytes, now: float) -> bytes | None:
+        if is_stop(frame) and not refused:
+            refused.append(frame)
+            return (body := bytes((1, 0x86, 3))) + crc(body)
+        if frame[:4] == bytes((1, 4, 0, 0xF1)) and drive.sim.moving(now):
+            return (body := bytes((1, 4, 2, 0, 1))) + crc(body)  # it says that it stands
+        return receive(frame, now)
+
+    drive.sim.receive = lying  # type: ignore[method-assign]
+    drive.stop(rig)
+    rig.run(1.0, lambda: bool(drive.halted))
+    assert drive.halted[0].standing
+    assert not drive.sim.moving(rig.now)
+
+
+def test_who_is_told_how_a_stop_ended_and_fails_keeps_nobody_else_from_being_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def boom(_: object) -> None:
+        raise RuntimeError("boom")
+
+    rig = Rig()
+    (drive,) = running(rig, 1)
+    drive.stop(rig).listen(boom)
+    drive.stop(rig)
+    drive.attached.motion.commanded(rig.now)
+    rig.owner.after_stops(lambda: boom(None))
+    rig.owner.at(rig.now + 0.01, lambda: boom(None))
+    reports: list[object] = []
+    rig.owner.start(emergency_stop(rig.owner), boom)
+    rig.owner.start(emergency_stop(rig.owner), reports.append)
+    rig.run(1.0)
+    assert [halted.standing for halted in drive.halted] == [True, True]
+    assert reports
+    assert rig.owner.units[1].halt is None
+    assert caplog.text.count("RuntimeError: boom") == 4
+
+
+def test_a_read_with_the_urgency_of_a_stop_waits_for_a_late_reply_like_any_other() -> None:
+    rig = Rig(Scripted(1, 0.06), config=BusConfig(echo=False, reply_timeout=0.02, retries=0))
+    rig.done(rig.submit(read_holding(1, 5, 1)))
+    job = rig.submit(read_holding(1, 6, 1), urgency=Urgency.STOP)
+    rig.done(job)
+    assert job.reply[3:5] == (106).to_bytes(2, "big")
+
+
 # A port that is away
 
 
@@ -367,12 +446,13 @@ def test_reads_without_a_time_of_their_own_wait_for_the_port_for_thirty_seconds(
     begun, ended = rig.now, {}
     rig.run(5.0)
     after = rig.submit(read_holding(1, 4, 1), on_end=lambda _: ended.setdefault("after", rig.now - begun))
+    plain = plain_stop(rig, on_end=lambda _: ended.setdefault("plain", rig.now - begun))
     patient = rig.submit(read_holding(1, 5, 1), expires_at=rig.now + 60)
     own = rig.submit(read_holding(1, 6, 1), internal=True, on_end=lambda _: ended.setdefault("own", rig.now - begun))
     rig.run(40.0)
     assert before.outcome is not None
-    assert ended == {"after": pytest.approx(35.0, abs=0.02), "own": pytest.approx(35.0, abs=0.02)}
-    assert (after.reason, own.reason) == (Reason.UNPLUGGED, Reason.UNPLUGGED)
+    assert ended == dict.fromkeys(("after", "plain", "own"), pytest.approx(35.0, abs=0.02))
+    assert {job.reason for job in (after, plain, own)} == {Reason.UNPLUGGED}
     assert patient.outcome is None
     rig.owner.plugged(rig.now)
     rig.done(patient)

@@ -13,16 +13,18 @@ from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.line.transaction import Received, Transaction
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.bus.units.motion import NEVER
 from rs485bus.wire.frames import MAX_FRAME
 from rs485bus.wire.timing import LineSettings
 
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 CUT_AFTER = 0.01
-"""Seconds of silence after which a stop does not wait for a reply any longer."""
+"""Seconds of silence after which a stop does not wait for a reply any longer. On a slow line a slave needs longer than
+that to see the end of a frame."""
 STOP_WAITS = 0.02
 """Seconds for which a stop waits for silence at most."""
-LOOKS_WAIT = 0.1
-"""Seconds for which the reads that confirm a stop do, once one was not answered over noise: a gap is waited for."""
+LOOKS_WAIT = 0.25
+"""Seconds for which the reads that confirm a stop do: a gap is waited for, if there are any."""
 OTHERS_WAIT = 1.0
 """Seconds for which any other frame does."""
 _NOISE = 0.005
@@ -53,6 +55,7 @@ class SerialLine:
 
     __slots__ = (
         "_brief_until",
+        "_cut_after",
         "_first_byte_at",
         "_over_noise",
         "_turn",
@@ -86,16 +89,17 @@ class SerialLine:
         """Seconds in which bytes were on the pair."""
         self.quiet_at = now + silence
         """When the next frame may start."""
-        self.heard_at = now
-        """When the last bytes were received."""
+        self.heard_at = NEVER
+        """When the last bytes were received that may be noise."""
         self.noisy_since = now
-        """Since when the pair was not quiet, but for frames that belong to something."""
+        """Since when there was none but noise, or since when there may be."""
         self.noise_at = float("-inf")
         """When noise was last in the way of a frame."""
         self.latency = 0.0
         """Seconds for which the port may keep what it has received."""
         self.air_end = now
         """When what was sent last has left the wire."""
+        self._cut_after = max(CUT_AFTER, 2 * silence + line.character)
         self._first_byte_at: float | None = None
         self._over_noise = False
         """What is out was not preceded by a silence."""
@@ -111,12 +115,12 @@ class SerialLine:
 
     def has_noise(self, now: float) -> bool:
         """Whether there is noise now, and not a transaction."""
-        return now < self.quiet_at and self.is_noisy and (self.job is None or self._over_noise)
+        heard = now < self.heard_at + self.silence
+        return heard and self.is_noisy and (self.job is None or self._over_noise)
 
-    @property
-    def was_noisy(self) -> bool:
-        """Whether there was noise of late, as far as anything was received."""
-        return self.noise_at > self.heard_at - _RECENTLY
+    def was_noisy(self, now: float) -> bool:
+        """Whether there was noise of late."""
+        return self.noise_at > now - _RECENTLY
 
     @property
     def through_noise_at(self) -> float:
@@ -133,7 +137,7 @@ class SerialLine:
         self.quiet_at = self.air_end + self.silence
         self._first_byte_at = None
         self.exchange.begin(request, late)
-        self.is_brief = self._over_noise or (job.urgency in _STOPPING and self.was_noisy)
+        self.is_brief = self._over_noise or (job.urgency in _STOPPING and self.was_noisy(start))
         if self.is_brief:
             self._brief_until = self.air_end + _NOISY_WAITS[self._turn % len(_NOISY_WAITS)]
             self._turn += 1
@@ -152,7 +156,7 @@ class SerialLine:
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
         self.airtime += self.line.airtime(len(data))
-        if now >= self.quiet_at:
+        if now >= self.quiet_at or self.heard_at < self.noisy_since:
             self.noisy_since = now
         self.heard_at = now
         self.quiet_at = max(self.air_end, now) + self.silence
@@ -175,29 +179,33 @@ class SerialLine:
             over = min(over, gap, self._unless_begun(self._brief_until))
         if stop_asked_at is None:
             return over
-        shortest = self.air_end + CUT_AFTER + self.latency
+        shortest = self.air_end + self._cut_after + self.latency
         noisy = self._unless_begun(max(shortest, stop_asked_at + STOP_WAITS))
-        return min(over, noisy, max(shortest, self.heard_at + CUT_AFTER + self.latency))
+        return min(over, noisy, max(shortest, self.heard_at + self._cut_after + self.latency))
 
     def _unless_begun(self, until: float) -> float:
-        """The same time, or later where the answer seems to have begun: it takes so long at most."""
+        """The same time, or later where the answer may have begun: a long one only where it looks like that."""
         first, job = self._first_byte_at, self.job
-        if first is None or job is None or self.exchange.pending < _BEGUN:
+        if first is None or job is None:
             return until
-        return max(until, first + self.line.airtime(job.request.length or MAX_FRAME))
+        takes = self.line.airtime(job.request.length or MAX_FRAME)
+        return max(until, first + (takes if self.exchange.pending >= _BEGUN else min(takes, STOP_WAITS)))
 
     def end(self, late: Iterable[PendingReplies], now: float, *, answered: bool) -> None:
         """The job that was out was answered or given up."""
         self.job = None
-        if not self.is_brief:
-            self.noisy_since = now if answered else max(self.noisy_since, now - _HELD_UP)
+        if not self.is_brief and answered:
+            self.noisy_since, self.heard_at = now, NEVER  # what comes next is the first that may be noise
+        elif not self.is_brief:
+            self.noisy_since = max(self.noisy_since, now - _HELD_UP)
         self.is_brief = False
         self.exchange.idle(late)
 
     def restart(self, now: float) -> None:
         """The port was opened anew."""
-        self.air_end = self.noisy_since = self.heard_at = now
-        self.quiet_at = now + self.silence
+        self.noisy_since, self.heard_at = now, NEVER
+        self.air_end = max(self.air_end, now)  # the other end of a connection may be sending yet
+        self.quiet_at = self.air_end + self.silence
 
     def record(self, job: Job, reply: bytes, outcome: str, now: float) -> tuple[Record, int]:
         """What this attempt of the job was, and how many CRC errors came with it."""

@@ -174,7 +174,7 @@ class AdmissionControl:
             return job.not_before
         if self._feeding.armed and (until := self._wait_for_feeds(job, now)) > now:
             return until
-        if job.urgency is Urgency.STOP:
+        if job.urgency is Urgency.STOP and job.request.writes:
             # It waits for nothing but a watchdog that must not be fed.
             silent_until = self._units[job.address].silent_until
             return silent_until if silent_until > now else READY

@@ -57,7 +57,10 @@ class Scheduler:
             while isinstance(wanted, Halt | Endings) and wanted.told is not None:
                 wanted = procedure.send(wanted.told)
         except StopIteration as end:
-            done(end.value)
+            try:
+                done(end.value)
+            except Exception:
+                _log.exception("who was to be told how something ended failed")
             return
         if isinstance(wanted, Job):
             wanted.on_end = lambda job: self._resume(procedure, done, job.ended_at)

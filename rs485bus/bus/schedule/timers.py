@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import logging
 from collections.abc import Callable
+
+_log = logging.getLogger("rs485bus")
 
 _FEW = 64
 """Cancelled timers that are not worth being tidied up."""
@@ -73,7 +76,10 @@ class Timers:
             if callback is None:
                 self._cancelled -= 1
             else:
-                callback()
+                try:
+                    callback()
+                except Exception:
+                    _log.exception("what was to be called at a time failed")
 
     def clear(self) -> None:
         """Call nothing of all that."""

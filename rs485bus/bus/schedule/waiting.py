@@ -95,7 +95,12 @@ class Waiting:
         """End the jobs that have waited for so many seconds, at the longest since then. Returns when to look again."""
         look_at = now + seconds
         for job in list(self._queue):
-            if job.urgency is Urgency.STOP or (reason is Reason.UNPLUGGED and job.expires_at is not None):
+            if reason is Reason.UNPLUGGED:
+                # The bus' own stops go out first when the port is there again.
+                waits_on = job.expires_at is not None or (job.internal and job.urgency is Urgency.STOP)
+            else:
+                waits_on = job.urgency is Urgency.STOP
+            if waits_on:
                 continue
             over = max(job.queued_at, since) + seconds
             if over > now:

@@ -12,6 +12,7 @@ and are resumed with what came of it. They belong to no task, so nothing can can
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, Union
@@ -25,6 +26,9 @@ from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
+
 Wanted = Union[Job, float, "Halt", Endings[Any]]
 Procedure = Generator[Wanted, Any, T]
 
@@ -74,11 +78,10 @@ class Pacing(Protocol):
             reported: it was said that it could not be seen standing.
         """
 
-    @property
-    def is_noisy(self) -> bool:
+    def is_noisy(self, now: float) -> bool:
         """Whether the pair is: what is not acknowledged there was not heard, and every gap counts."""
 
-    def is_cut_short(self, since: float) -> bool:
+    def is_cut_short(self, now: float, since: float) -> bool:
         """Whether an answer may come later than it is waited for, or not be heard for noise.
 
         Three stops prove nothing then.
@@ -87,6 +90,10 @@ class Pacing(Protocol):
     @property
     def gives_up_after(self) -> float:
         """Seconds for which it is stopped then before it is said that this was in vain."""
+
+    def at_the_latest(self, sent_at: float) -> float:
+        """When it is stopped again, after it was said that it could not be seen standing, though it acknowledged the
+        last stop: infinity if there is no need to."""
 
     def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
         """When it is stopped again, after it was said that it could not be seen standing.
@@ -177,7 +184,7 @@ class Halt:
         while not self._over:
             if order != self._orders:
                 order, tries, self._evidence_from = self._orders, 0, _FOREVER
-            cut_short = pacing.is_cut_short(self._ordered_at)
+            cut_short = pacing.is_cut_short(self._now, self._ordered_at)
             yield from self._stop(pacing)
             tries += not cut_short
             if self._is_worth_a_look(pacing) and (yield from self._see_it_stand(order, pacing)):
@@ -222,15 +229,17 @@ class Halt:
             if stop.attempts:
                 self._sent_at = stop.sent_at
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
-            self._acknowledged = self._acknowledged and stop.outcome in (Outcome.REPLY, Outcome.REFUSED)
+            # An exception is no acknowledgement; what refuses a stop in its own way says that there is nothing to stop.
+            said_so = stop.outcome is Outcome.REPLY or (stop.outcome is Outcome.REFUSED and stop.code is None)
+            self._acknowledged = self._acknowledged and said_so
         self.stops += 1
         self._unacknowledged = 0 if self._acknowledged else self._unacknowledged + 1
 
     def _is_worth_a_look(self, pacing: Pacing) -> bool:
         """Whether it may answer. One that is not heard is only told to stop, again and again."""
-        if self._acknowledged or self.stops % _BLIND == 0 or not self._is_pressing(pacing):
+        if self._acknowledged or not self._is_pressing(pacing):
             return True
-        return self.told is None and not pacing.is_noisy
+        return not pacing.is_noisy(self._now) and (self.told is None or self.stops % _BLIND == 0)
 
     def _wait(self, pacing: Pacing) -> float | None:
         return pacing.reply_timeout(self._ordered_at, reported=self.told is not None)
@@ -239,8 +248,10 @@ class Halt:
         """Look until it stands, or until it should be told to stop once more."""
         judge = self.attached.judgement(self.motion)
         patience, heard = self._now + self._patience, False
+        by = _FOREVER if self.told is None else pacing.at_the_latest(self._sent_at)
+        patience = min(patience, by)
         while order == self._orders and not self._over:
-            look, standing = self._next_look(judge, pacing), None
+            look, standing = self._next_look(judge, pacing, by), None
             if look is not None:
                 self._now = yield look
                 standing = self._judge(judge, look)
@@ -256,9 +267,9 @@ class Halt:
             if not self._acknowledged and (standing is False or (not answered and self._is_pressing(pacing))):
                 return False
             # On a noisy pair it may well stand, and not be heard to say so.
-            if self._now >= patience + (0.0 if heard or not pacing.is_noisy else _NOISY_MARGIN):
+            if self._now >= patience + (0.0 if heard or not pacing.is_noisy(self._now) else _NOISY_MARGIN):
                 return False
-            if answered or look is None or not pacing.is_noisy:
+            if answered or look is None or not pacing.is_noisy(self._now):
                 self._now = yield self._now + _LOOK_EVERY
         return False
 
@@ -271,10 +282,10 @@ class Halt:
 
     def _is_pressing(self, pacing: Pacing) -> bool:
         """Whether one that does not answer is told to stop again at once."""
-        return pacing.is_noisy or self._wait(pacing) is not None
+        return pacing.is_noisy(self._now) or self._wait(pacing) is not None
 
-    def _next_look(self, judge: StandstillDetector, pacing: Pacing) -> Job | None:
-        """What to ask next; None if a late reply could be taken for every answer."""
+    def _next_look(self, judge: StandstillDetector, pacing: Pacing, by: float) -> Job | None:
+        """What to ask next, and not after the time given; None if a late reply could be taken for every answer."""
 
         def fresh(request: Request) -> bool:
             return pacing.late.must_wait(request) == 0
@@ -283,7 +294,7 @@ class Halt:
             return pacing.late.must_wait(request, self._looks.get(request)) == 0
 
         # The answer to a fresh one was asked for now. On a noisy pair most that is owed was never heard.
-        request = judge.ask(free) if pacing.is_noisy else judge.ask(fresh) or judge.ask(free)
+        request = judge.ask(free) if pacing.is_noisy(self._now) else judge.ask(fresh) or judge.ask(free)
         if request is None:
             return None
         look = self._looks.get(request)
@@ -291,6 +302,9 @@ class Halt:
             look = Job(request, urgency=Urgency.CONFIRM, repeat=Repeat.SAFE, internal=True, retries=0)
             self._looks[request] = look
         look.reply_timeout = self._wait(pacing)
+        look.expires_at = None if by == _FOREVER else by
+        # Once it was said that it could not be seen standing, others have their turns, too.
+        look.urgency = Urgency.CONFIRM if self.told is None or pacing.is_noisy(self._now) else Urgency.COMMAND
         return look
 
     def _judge(self, judge: StandstillDetector, look: Job) -> bool | None:
@@ -305,4 +319,7 @@ class Halt:
         listeners, self._listeners = self._listeners, []
         self.told = Halted(self.attached.address, self.attached.family, standing, self.stops)
         for listener in listeners:
-            listener(self.told)
+            try:
+                listener(self.told)
+            except Exception:
+                _log.exception("who was to be told how a stop ended failed")

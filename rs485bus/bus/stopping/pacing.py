@@ -46,21 +46,25 @@ class StopPacing:
             return None
         return min(unit.reply_timeout, _BRIEFEST if reported else _BRIEF)
 
-    @property
-    def is_noisy(self) -> bool:
-        return self._pair.was_noisy
+    def is_noisy(self, now: float) -> bool:
+        return self._pair.was_noisy(now)
 
-    def is_cut_short(self, since: float) -> bool:
+    def is_cut_short(self, now: float, since: float) -> bool:
         wait = self.reply_timeout(since, reported=False)
-        return self.is_noisy or (wait is not None and wait < self._unit.reply_timeout)
+        return self.is_noisy(now) or (wait is not None and wait < self._unit.reply_timeout)
 
     @property
     def gives_up_after(self) -> float:
         return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout)
 
+    def at_the_latest(self, sent_at: float) -> float:
+        unit = self._unit
+        guarded = self._feeding.get(unit.address) is not None
+        return sent_at + _URGENT_EVERY if unit.is_stops_only and not guarded else float("inf")
+
     def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
         unit = self._unit
-        if self.is_noisy:
+        if self.is_noisy(now):
             return now + _URGENT_EVERY
         if not unit.is_stops_only:
             return max(now + _TRY_AGAIN_AFTER, self._looking.free_at(now))

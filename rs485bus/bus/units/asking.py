@@ -24,8 +24,8 @@ def question_for(unit: UnitState, now: float) -> Job | None:
     None if there is none, or if one is under way. The same question is one job as long as an answer to it is owed:
     either of its answers will do. It may have to wait, lest a unit that does not answer takes the wire from others.
     """
-    if unit.is_questioned or unit.reach.silent or unit.reach.offline or unit.is_stops_only:
-        return None
+    if unit.is_questioned or unit.reach.silent or unit.reach.offline or unit.halt is not None:
+        return None  # one that is being stopped is asked anyway
     last = unit.question
     for request in _harmless(unit):
         same = last if last is not None and last.request.adu == request.adu else None

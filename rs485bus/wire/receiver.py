@@ -28,9 +28,11 @@ _Candidate = tuple[int, int, int, int]
 class Pattern(NamedTuple, Generic[K]):
     """A frame that is waited for: it starts with `prefix` and is `length` bytes long.
 
-    With a `sizer`, `length` is ignored and the frame tells its own. `key` says what the frame would be. `counts` marks
-    the frame that is awaited most: one that begins right and fails its CRC is a CRC error; and while one of a fixed
-    length has begun, a frame of another kind that lies inside it is taken for a part of it.
+    With a `sizer`, `length` is ignored and the frame tells its own. `key` says what the frame would be.
+
+    `counts` marks the frame that is awaited most: one that begins right and fails its CRC is a CRC error. While one of
+    a fixed length has begun, a frame of another kind that lies inside it is taken for a part of it. `holds` marks one
+    that comes once, before all others: while it has begun, that is so of every kind.
     """
 
     prefix: bytes
@@ -38,6 +40,7 @@ class Pattern(NamedTuple, Generic[K]):
     key: K
     sizer: Sizer | None = None
     counts: bool = False
+    holds: bool = False
 
 
 class Receiver(Generic[K]):
@@ -53,6 +56,7 @@ class Receiver(Generic[K]):
         "_begun",
         "_buffer",
         "_crc",
+        "_holds",
         "_hunting",
         "_origin",
         "_patterns",
@@ -63,6 +67,8 @@ class Receiver(Generic[K]):
 
     def __init__(self) -> None:
         self._patterns: Sequence[Pattern[K]] = ()
+        self._holds = True
+        """What comes before all others has not come yet."""
         self._hunting = False
         self._buffer = bytearray()
         # Positions count from the first byte after `expect`. The buffer begins at `_origin`.
@@ -93,6 +99,7 @@ class Receiver(Generic[K]):
     def expect(self, patterns: Sequence[Pattern[K]]) -> None:
         """Wait for these frames from now on. What was received before is given up."""
         self._patterns = patterns
+        self._holds = True
         if self._hunting:
             self._hunting = False
             self.skipped += len(self._buffer)
@@ -122,7 +129,11 @@ class Receiver(Generic[K]):
         for pattern in self._patterns:
             if data.startswith(pattern.prefix):
                 if pattern.length == len(data) and pattern.sizer is None and ends_in_crc(data):
-                    return pattern.key if pattern.counts or not self._may_hold_others(data) else None
+                    if pattern.holds:
+                        self._holds = False
+                    elif not pattern.counts and self._may_hold_others(data):
+                        return None
+                    return pattern.key
                 return None
         return None
 
@@ -181,7 +192,7 @@ class Receiver(Generic[K]):
                     insort(begun, candidate, at)
             elif not closes(start, end - self._origin):
                 self.crc_errors += pattern.counts
-            elif due == end and not pattern.counts and (later := self._enclosed_until(begin, end)):
+            elif due == end and (later := self._enclosed_until(pattern, begin, end)):
                 insort(begun, (later, begin, index, end), at)
             else:
                 if not found:
@@ -189,18 +200,19 @@ class Receiver(Generic[K]):
                 found.append((pattern.key, bytes(buffer[start : end - self._origin])))
                 self.skipped += start
                 self._drop(end - self._origin)
+                if pattern.holds:
+                    self._holds = False
         del begun[:at]
 
-    def _enclosed_until(self, begin: int, end: int) -> int:
-        """Where the last of the awaited frames ends that began before and is not complete yet; 0 if there is none."""
+    def _enclosed_until(self, inner: Pattern[K], begin: int, end: int) -> int:
+        """Where the last frame ends that holds this one and is not complete yet; 0 if there is none."""
         origin, until = self._origin, 0
         for pattern in self._patterns:
-            if not pattern.counts or pattern.sizer is not None:
-                continue
-            # The last one that begins before, and whose beginning was there when the frame inside was complete.
-            at = self._buffer.rfind(pattern.prefix, 0, min(begin + len(pattern.prefix) - 1, end) - origin)
-            if at >= 0 and origin + at + pattern.length > end:
-                until = max(until, origin + at + pattern.length)
+            if pattern.sizer is None and ((pattern.holds and self._holds) or (pattern.counts and not inner.counts)):
+                # The last one that began no later, and whose beginning was there when the frame inside was complete.
+                at = self._buffer.rfind(pattern.prefix, 0, min(begin + len(pattern.prefix), end) - origin)
+                if at >= 0 and origin + at + pattern.length > end:
+                    until = max(until, origin + at + pattern.length)
         return until
 
     def _drop(self, count: int) -> None:

@@ -137,6 +137,13 @@ def test_what_came_behind_an_echo_that_lost_its_first_byte_is_told() -> None:
     assert "address 5" in tell(READ, Heard(READ.adu[1:] + closed("05 03 02 00 01")))
 
 
+def test_what_begins_like_the_request_and_is_another_is_no_echo() -> None:
+    rig = Rig(Says(closed("01 10 00 03 00 02 04 00 07 00 09")), config=BusConfig(echo=True))
+    job = rig.submit(write_multiple(1, 3, [7, 8]), repeat=Repeat.NEVER)
+    rig.done(job)
+    assert "Only the request itself" not in str(failure(job, []))
+
+
 def test_where_nothing_came_the_usual_things_are_to_be_checked() -> None:
     assert USUAL in said(READ, b"")
     assert tell(READ, None) == ""

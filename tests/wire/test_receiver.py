@@ -87,6 +87,14 @@ def test_only_what_begins_like_a_frame_waited_for_has_begun() -> None:
     assert receiver.begun == 0
 
 
+def test_what_began_inside_a_frame_has_not_begun_once_that_is_found() -> None:
+    body = BODY[:3] + BODY[:3] + bytes(3)
+    receiver = waiting_for(BODY)
+    assert receiver.feed(closed(body)[:7]) == []
+    assert receiver.feed(closed(body)[7:] + b"\0") == [(0, closed(body))]
+    assert receiver.begun == 0
+
+
 def test_a_variable_reply_is_found_behind_a_beginning_that_never_ends() -> None:
     def told(data: bytes) -> int:
         return data[2] + 5 if len(data) > 2 else 0

@@ -29,9 +29,10 @@ LATE = Pattern(b"\x01\x03\x04", 9, "late")
 FILE = Pattern(b"\x01\x14", 0, "file", sized_by_count, counts=True)
 IDENTITY = Pattern(b"\x01\x2b\x0e", 0, "identity", sized_as_identification)
 QUEUE = Pattern(b"\x01\x18", 0, "queue", sized_as_fifo)
-OTHER = Pattern(b"\x02\x03\x04", 9, "other")
+OTHER = Pattern(b"\x02\x03\x08", 13, "other")
+ECHO = Pattern(b"\x01\x10\x00\x05\x00\x02\x04\x83", 13, "echo", holds=True)
 AWAITED = (ANSWER, LONG, WRITTEN, FILE)
-BESIDES = (REFUSAL, LATE, IDENTITY, QUEUE, OTHER)
+BESIDES = (ECHO, REFUSAL, LATE, IDENTITY, QUEUE, OTHER)
 EVERY = AWAITED + BESIDES
 
 
@@ -44,6 +45,7 @@ class Simple:
         self.start = 0
         self.later: list[tuple[int, int, int, int]] = []
         self.crc_errors = 0
+        self.holds = True
 
     def take(self, byte: int) -> list[tuple[str, bytes]]:
         self.stream += bytes((byte,))
@@ -57,11 +59,12 @@ class Simple:
                 continue
             if not ends_in_crc(self.stream[begin:end]):
                 self.crc_errors += pattern.counts
-            elif end == now and not pattern.counts and (until := self.enclosed(begin, now)):
+            elif end == now and (until := self.enclosed(pattern, begin, now)):
                 self.later.append((until, begin, index, end))
             else:
                 found.append((pattern.key, self.stream[begin:end]))
                 self.start = end
+                self.holds = self.holds and not pattern.holds
         return found
 
     def complete(self, now: int) -> list[tuple[int, int]]:
@@ -78,13 +81,13 @@ class Simple:
             return pattern.length
         return pattern.sizer(data)
 
-    def enclosed(self, begin: int, now: int) -> int:
+    def enclosed(self, inner: Pattern[str], begin: int, now: int) -> int:
         return max(
             (
                 other + pattern.length
                 for pattern in self.patterns
-                if pattern.counts and pattern.sizer is None
-                for other in range(self.start, begin)
+                if pattern.sizer is None and ((pattern.holds and self.holds) or (pattern.counts and not inner.counts))
+                for other in range(self.start, begin + 1)
                 if self.stream[other:now].startswith(pattern.prefix) and other + pattern.length > now
             ),
             default=0,
@@ -117,12 +120,13 @@ simple_frames = st.one_of(
     st.just(closed(1, 0x83, 2)),
     st.just(closed(*WRITTEN.prefix)),
     st.binary(min_size=4, max_size=4).map(lambda data: closed(*LATE.prefix, *data)),
-    st.binary(min_size=4, max_size=4).map(lambda data: closed(*OTHER.prefix, *data)),
+    st.binary(min_size=3, max_size=3).map(lambda data: closed(*ECHO.prefix, *data)),
     st.binary(min_size=8, max_size=8).map(answer),
 )
 frames = st.one_of(
     simple_frames,
     simple_frames.map(answer),
+    simple_frames.map(lambda inside: closed(*OTHER.prefix, *inside[:8].ljust(8, b"\0"))),
     st.lists(simple_frames, min_size=1, max_size=6).map(lambda inside: long_answer(b"".join(inside))),
     st.lists(simple_frames, max_size=3).map(lambda inside: file(b"".join(inside))),
     st.lists(st.binary(max_size=20), max_size=5).map(identity),
@@ -171,6 +175,46 @@ def test_a_frame_inside_an_awaited_answer_is_a_part_of_it() -> None:
         receiver.expect([ANSWER, REFUSAL])
         found = [frame for at in range(0, 13, size) for frame in receiver.feed(reply[at : at + size])]
         assert found == [("answer", reply)]
+
+
+def test_what_looks_like_an_answer_inside_an_echo_is_a_part_of_it() -> None:
+    """It is the program that says what is written. Here the write begins like its own answer."""
+    for inside in (closed(*WRITTEN.prefix), b"\0" + closed(1, 0x90, 2), b"\0" + closed(*WRITTEN.prefix)):
+        body = inside if inside.startswith(WRITTEN.prefix) else WRITTEN.prefix + inside
+        echo = closed(*body.ljust(20, b"\0"))
+        answer = closed(*WRITTEN.prefix)
+        patterns = [
+            Pattern(echo[:8], len(echo), "echo", holds=True),
+            WRITTEN,
+            Pattern(b"\x01\x90", 5, "refusal"),
+        ]
+        for size in range(1, len(echo) + 9):
+            receiver = Receiver[str]()
+            receiver.expect(patterns)
+            stream = echo + answer
+            found = [frame for at in range(0, len(stream), size) for frame in receiver.feed(stream[at : at + size])]
+            assert found == [("echo", echo), ("written", answer)]
+
+
+def test_a_frame_inside_one_that_is_not_awaited_is_found_in_one_piece_as_in_many() -> None:
+    refusal = closed(1, 0x83, 2)
+    late = closed(*OTHER.prefix, 0, *refusal, 0, 0)
+    for size in (1, 4, len(late)):
+        receiver = Receiver[str]()
+        receiver.expect([ANSWER, REFUSAL, OTHER])
+        found = [frame for at in range(0, len(late), size) for frame in receiver.feed(late[at : at + size])]
+        assert found == [("refusal", refusal)]
+
+
+def test_a_beginning_that_is_not_whole_when_another_frame_ends_holds_nothing() -> None:
+    refusal = closed(0x16, 0x96, 2)
+    masked = Pattern(b"\x01" + refusal + b"\0\0", 10, "masked", counts=True)
+    stream = b"\0" + closed(*masked.prefix)
+    for size in (1, len(stream)):
+        receiver = Receiver[str]()
+        receiver.expect([masked, Pattern(refusal[:2], 5, "refusal")])
+        found = [frame for at in range(0, len(stream), size) for frame in receiver.feed(stream[at : at + size])]
+        assert found == [("refusal", refusal)]
 
 
 def test_a_refusal_behind_an_answer_that_broke_off_is_found_once_that_is_clear() -> None:

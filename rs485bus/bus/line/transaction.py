@@ -13,6 +13,9 @@ from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.wire.frames import EXCEPTION_LENGTH, Request
 from rs485bus.wire.receiver import Pattern, Receiver
 
+_ECHO_BEGINS = 8
+"""Bytes by which the echo of a request is known from an answer that begins alike: the shortest of those has so many."""
+
 
 class Kind(enum.Enum):
     """What a frame received is."""
@@ -97,6 +100,8 @@ class Transaction:
         """Take bytes in; return the frames they complete."""
         received = []
         for (kind, request), frame in self._receiver.feed(data):
+            if kind is Kind.ECHO and frame != request.adu:
+                continue  # somebody else's, that begins alike
             if kind is Kind.ECHO and self._mirrors and (self._echoed or self._has_passed(request)):
                 kind = Kind.NORMAL  # the second of two equal frames is the reply, also where the first was damaged
             elif kind is Kind.ECHO:
@@ -171,7 +176,10 @@ class _Wanted(NamedTuple):
 def _wanted(request: Request, may_echo: bool) -> _Wanted:
     mirrors = request.answered_by(request.adu) and _length(request) == len(request.adu)
     patterns: list[Pattern[_Key]] = []
-    if may_echo or not mirrors:
+    if may_echo:
+        # Whatever is written may look like an answer: so an echo is known by its first bytes, and holds the others.
+        patterns.append(Pattern(request.adu[:_ECHO_BEGINS], len(request.adu), (Kind.ECHO, request), holds=True))
+    elif not mirrors:
         patterns.append(Pattern(request.adu, len(request.adu), (Kind.ECHO, request)))
     if request.length or request.sizer:
         patterns += _answers(request, Kind.NORMAL, Kind.EXCEPTION, Kind.REFUSAL, counts=True)

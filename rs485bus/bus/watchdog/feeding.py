@@ -373,8 +373,8 @@ class Feeding:
 
     def hopeless(self, now: float) -> ArmedWatchdog | None:
         """The device that must be given up now; see `Strain`."""
-        watches = self._watches.values()
-        return self.strain.hopeless((each for each in watches if not each.failures and each.retry_at != _MUTED), now)
+        live = (watch for watch in self._watches.values() if not watch.failures and watch.retry_at != _MUTED)
+        return self.strain.hopeless(live, 0.0 if self.reckoning is None else self.reckoning.longest, now)
 
     def _forget(self, watch: ArmedWatchdog | None) -> None:
         if watch is not None:

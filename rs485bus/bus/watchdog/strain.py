@@ -13,8 +13,8 @@ from rs485bus.bus.watchdog.armed import ArmedWatchdog
 
 _ROW = 2
 """Feeds after which something else has its turn."""
+_ABOUT = 0.9
 _over = attrgetter("over")
-_takes = attrgetter("takes")
 
 
 class Strain:
@@ -50,23 +50,44 @@ class Strain:
         """Feeds need no more than was admitted."""
         self.holds, self._starved_since = False, None
 
-    def hopeless(self, watches: Iterable[ArmedWatchdog], now: float) -> ArmedWatchdog | None:
+    def hopeless(self, watches: Iterable[ArmedWatchdog], longest: float, now: float) -> ArmedWatchdog | None:
         """The device that must be given up, lest others trip or nothing else ever goes; None if none must.
 
-        That is the slowest: of those that cannot all be fed in time, or of all if nothing else had a turn for half of
-        the shortest of their times. For what was only guessed none is given up before it is its turn.
+        That is the slowest: of those that cannot all be fed in time, or of all if nothing else has a turn. For what was
+        only guessed none is given up before it is its turn.
+
+        Args:
+            watches: those whose devices answer.
+            longest: how long something else may take the wire, in seconds.
+            now: the time.
         """
         live = sorted(watches, key=_over)
         if len(live) < 2:
             return None
-        if self._starved_since is not None and now > self._starved_since + min(watch.timeout for watch in live) / 2:
-            self._starved_since = None
-            return max(live, key=_takes)
-        ends_at, slowest = now, None
+        if self._starved_since is not None and self._must_make_room(live, longest, now - self._starved_since):
+            return _slowest(live)
+        ends_at, known = now, list[ArmedWatchdog]()
         for watch in live:
             ends_at += watch.takes
-            if not watch.guessed and (slowest is None or watch.takes > slowest.takes):
-                slowest = watch
+            if not watch.guessed:
+                known.append(watch)
             if ends_at > watch.over:
-                return watch if now + watch.takes > watch.over else slowest
+                return watch if now + watch.takes > watch.over else _slowest(known)
         return None
+
+    def _must_make_room(self, live: list[ArmedWatchdog], longest: float, starved: float) -> bool:
+        """Whether something else has had no turn for too long."""
+        shortest = min(watch.timeout for watch in live)
+        slowest = max(watch.takes for watch in live)
+        if sum(watch.takes for watch in live) + slowest + longest > shortest:
+            return starved > shortest / 2  # it never will
+        if starved <= shortest:
+            return False
+        self._starved_since = None
+        return True
+
+
+def _slowest(watches: list[ArmedWatchdog]) -> ArmedWatchdog | None:
+    """The slowest of some; of those that are about as slow the one that must be fed first: most is saved by that."""
+    slowest = max((watch.takes for watch in watches), default=0.0)
+    return min((watch for watch in watches if watch.takes >= _ABOUT * slowest), key=_over, default=None)

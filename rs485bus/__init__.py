@@ -1,16 +1,21 @@
 """An asyncio bus manager for motor drives that share one RS-485 pair."""
 
-from rs485bus.bus.bus import Bus
-from rs485bus.bus.config import BusConfig
-from rs485bus.bus.opening import open_bus
-from rs485bus.bus.schedule.job import Urgency
-from rs485bus.devices.mks import MksServo
-from rs485bus.devices.move import Move, MoveState
-from rs485bus.devices.tlr import TlrStepper
-from rs485bus.devices.zlac import DifferentialDrive, Zlac8015d
-from rs485bus.group import AxisGroup, GroupMove
-from rs485bus.wire.registers import Repeat
-from rs485bus.wire.timing import LineSettings
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rs485bus.bus.bus import Bus
+    from rs485bus.bus.config import BusConfig
+    from rs485bus.bus.opening import open_bus
+    from rs485bus.bus.schedule.job import Urgency
+    from rs485bus.devices.mks import MksServo
+    from rs485bus.devices.move import Move, MoveState
+    from rs485bus.devices.tlr import TlrStepper
+    from rs485bus.devices.zlac import DifferentialDrive, Zlac8015d
+    from rs485bus.group import AxisGroup, GroupMove
+    from rs485bus.plant import Plant
+    from rs485bus.wire.registers import Repeat
+    from rs485bus.wire.timing import LineSettings
 
 __version__ = "0.1.0"
 
@@ -24,9 +29,45 @@ __all__ = [
     "MksServo",
     "Move",
     "MoveState",
+    "Plant",
     "Repeat",
     "TlrStepper",
     "Urgency",
     "Zlac8015d",
     "open_bus",
 ]
+
+_HOMES = {
+    "AxisGroup": "group",
+    "Bus": "bus.bus",
+    "BusConfig": "bus.config",
+    "DifferentialDrive": "devices.zlac",
+    "GroupMove": "group",
+    "LineSettings": "wire.timing",
+    "MksServo": "devices.mks",
+    "Move": "devices.move",
+    "MoveState": "devices.move",
+    "Plant": "plant",
+    "Repeat": "wire.registers",
+    "TlrStepper": "devices.tlr",
+    "Urgency": "bus.schedule.job",
+    "Zlac8015d": "devices.zlac",
+    "open_bus": "bus.opening",
+}
+"""In which module each name is defined. It is loaded when the name is first asked for."""
+_MODULES = ("arguments", "bus", "compat", "devices", "errors", "group", "plant", "profile", "sim", "transport", "wire")
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        value = getattr(import_module(f"rs485bus.{_HOMES[name]}"), name)
+    elif name in _MODULES:
+        value = import_module(f"rs485bus.{name}")
+    else:
+        raise AttributeError(f"module 'rs485bus' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -75,6 +75,17 @@ class LoopNotRunning(WrongThread):
     """The bus was called while its event loop does not run: between two cells of a plain IPython session, say."""
 
 
+class PlantFileError(BusError, ValueError):
+    """A plant file has mistakes. Nothing was opened.
+
+    `problems` says of each where it is (line and field) and what to do about it.
+    """
+
+    def __init__(self, message: str, problems: Sequence[Any] = ()) -> None:
+        super().__init__(message)
+        self.problems = tuple(problems)
+
+
 # What became of a request
 
 

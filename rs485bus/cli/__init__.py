@@ -4,18 +4,41 @@ from __future__ import annotations
 
 import sys
 
+_EXTRAS = {
+    "typer": "cli",
+    "click": "cli",
+    "rich": "cli",
+    "pydantic": "plant",
+    "pydantic_core": "plant",
+    "tomlkit": "plant",
+    "textual": "monitor",
+    "matplotlib": "plot",
+    "aiomqtt": "service",
+    "serialx": "serialx",
+}
+"""Which extra brings a package."""
+
 
 def main() -> None:
     """Run the command, or say what it needs."""
     try:
-        from rs485bus.cli.app import app
+        from rs485bus.cli.app import main as run
+
+        run()
     except ModuleNotFoundError as missing:
-        if missing.name is None or missing.name.split(".")[0] not in ("typer", "rich", "click"):
+        needed = what_to_install(missing)
+        if needed is None:
             raise
-        print(
-            f"The command rs485bus needs the package {missing.name}, which is not installed. Install it with:\n"
-            '    pip install "rs485bus[cli]"',
-            file=sys.stderr,
-        )
+        print(needed, file=sys.stderr)
         sys.exit(1)
-    app()
+
+
+def what_to_install(missing: ModuleNotFoundError) -> str | None:
+    """What to do about a package that is not there; None for one that no extra brings."""
+    package = (missing.name or "").split(".")[0]
+    if package not in _EXTRAS:
+        return None
+    return (
+        f"The command rs485bus needs the package {package} for this, which is not installed. Install it with:\n"
+        f'    pip install "rs485bus[{_EXTRAS[package]}]"'
+    )

@@ -1,115 +1,53 @@
-"""The commands and their options."""
+"""The command `rs485bus`: its options, and where its sub-commands come from (`commands`)."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Coroutine
-from typing import Annotated, Any, Optional
+import sys
+from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from rs485bus import __version__
-from rs485bus.cli.demo import run_demo
-from rs485bus.cli.process import Output, run
-from rs485bus.cli.serve import serve
-from rs485bus.cli.verify import question, verify
+from rs485bus.cli.lazy import LazyGroup
+from rs485bus.cli.settings import Debug, Verbose, set_up_logging, settings
+
+EXIT_CODES = (
+    "Exit codes: 0 done; 1 not done, and why is said; 2 wrong arguments, or a plant file with mistakes; 3 nobody knows "
+    "whether it was done, or a motor was not seen standing: look at the machine; 4 the port cannot be opened; "
+    "130 interrupted, and all motors were stopped."
+)
 
 app = typer.Typer(
     name="rs485bus",
     help="Motor drives that share one RS-485 pair.",
+    epilog=EXIT_CODES,
+    cls=LazyGroup,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
-_console = Output(highlight=False)
-_errors = Console(stderr=True, highlight=False)
-
-_USUAL = [1, 2, 3]
-
-Port = Annotated[
-    Optional[str],  # noqa: UP045 - typer reads it
-    typer.Option(help="A serial port, or a gateway: socket://host:port, tcp://host. Without, a virtual plant."),
-]
-Baudrate = Annotated[int, typer.Option(min=300, max=4_000_000, help="bit/s")]
-Mks = Annotated[
-    Optional[list[int]],  # noqa: UP045 - typer reads it
-    typer.Option("--mks", min=1, max=247, help="The address of an MKS drive; once for each."),
-]
 
 
 @app.callback(invoke_without_command=True)
 def _options(
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what the bus notices.")] = False,
+    verbose: Verbose = 0,
+    debug: Debug = False,
 ) -> None:
-    logging.basicConfig(
-        level=logging.DEBUG if verbose else logging.ERROR, format="%(levelname)s %(message)s", force=True
-    )
-    logging.getLogger("asyncio").setLevel(logging.WARNING)
-    logging.getLogger("pymodbus").setLevel(logging.WARNING)
+    set_up_logging()
     if version:
         print(__version__)
         raise typer.Exit
 
 
-@app.command()
-def demo(
-    port: Port = None,
-    baudrate: Baudrate = 38400,
-    mks: Mks = None,
-) -> None:
-    """Home some drives, move them, watch them, stop: on a virtual plant, or on real drives."""
-    addresses = mks or _USUAL
-    _check_once(addresses)
-    _run(lambda: run_demo(port, baudrate, addresses, _console))
+def main() -> None:
+    """Run the command that the arguments name. What goes wrong outside of a bus is told here."""
+    from rs485bus.cli.process import tell
 
-
-@app.command()
-def sim(
-    baudrate: Baudrate = 38400,
-    mks: Mks = None,
-    zlac: Annotated[
-        Optional[list[int]],  # noqa: UP045 - typer reads it
-        typer.Option("--zlac", min=1, max=127, help="The address of a ZLAC8015D; once for each."),
-    ] = None,
-    tlr: Annotated[
-        Optional[list[int]],  # noqa: UP045 - typer reads it
-        typer.Option("--tlr", min=1, max=247, help="The station of a TL-R stepper; once for each."),
-    ] = None,
-    link: Annotated[
-        Optional[str],  # noqa: UP045 - typer reads it
-        typer.Option(help="Make a symbolic link to the pseudo-terminal here."),
-    ] = None,
-) -> None:
-    """Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted."""
-    if not (zlac or tlr):
-        mks = mks or _USUAL
-    drives = {"MKS": mks or [], "ZLAC": zlac or [], "TL-R": tlr or []}
-    _check_once([address for addresses in drives.values() for address in addresses])
-    _run(lambda: serve(baudrate, drives, link, _console))
-
-
-@app.command("verify-watchdog")
-def verify_watchdog(
-    port: Port = None,
-    baudrate: Baudrate = 38400,
-    mks: Annotated[int, typer.Option("--mks", min=1, max=247, help="The address of the MKS drive.")] = 1,
-    timeout: Annotated[float, typer.Option(min=0.2, max=60, help="The watchdog's time in the test, in seconds.")] = 1.0,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before the motor moves.")] = False,
-) -> None:
-    """Find out on the bench what feeds a drive's watchdog, and whether a trip latches. It turns the motor."""
-    if not yes and not typer.confirm(question(port, mks, timeout)):
-        _console.print("Nothing was moved.")
-        raise typer.Exit(1)
-    _run(lambda: verify(port, baudrate, mks, timeout, _console), virtual=port is None)
-
-
-def _check_once(addresses: list[int]) -> None:
-    if len(set(addresses)) < len(addresses):
-        _errors.print(f"[red]An address is given twice: {', '.join(map(str, addresses))}.[/red]")
-        raise typer.Exit(2)
-
-
-def _run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> None:
-    raise typer.Exit(run(make, _errors, virtual=virtual))
+    try:
+        app()
+    except Exception as error:
+        if settings.debug or isinstance(error, ModuleNotFoundError):
+            raise
+        sys.exit(tell(error))

@@ -9,16 +9,23 @@ import sys
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
+import typer
 from rich.console import Console
 from rich.markup import escape
 
-from rs485bus.errors import BusError
-from rs485bus.sim import VirtualClockLoop
+from rs485bus.cli import what_to_install
+from rs485bus.cli.settings import settings
+from rs485bus.errors import (
+    BusError,
+    OutcomeUnknown,
+    PlantFileError,
+    PortError,
+    StopUnconfirmed,
+)
 
-INTERRUPTED = 130
-FAILED = 1
+DONE, FAILED, WRONG_INPUT, UNKNOWN, NO_PORT, INTERRUPTED = 0, 1, 2, 3, 4, 130
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 
@@ -38,7 +45,17 @@ def nobody_reads() -> None:
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
-def run(make: Callable[[], Coroutine[Any, Any, int]], errors: Console, *, virtual: bool = False) -> int:
+def console() -> Output:
+    """Where results go."""
+    return Output(highlight=False)
+
+
+def start(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> NoReturn:
+    """Run a coroutine, and end the command with the exit code that it returns."""
+    raise typer.Exit(run(make, virtual=virtual))
+
+
+def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> int:
     """Run a coroutine, perhaps in virtual time; say what went wrong in words.
 
     To be terminated, to lose the terminal and to be interrupted once or often are the same: the coroutine is cancelled,
@@ -62,24 +79,23 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], errors: Console, *, virtua
         task = asyncio.current_task()
         return INTERRUPTED if signalled else await make()
 
+    factory: Callable[[], asyncio.AbstractEventLoop] | None = None
+    if virtual:
+        from rs485bus.sim import VirtualClockLoop
+
+        factory = VirtualClockLoop
     try:
-        with _signals(cancel), asyncio.Runner(loop_factory=VirtualClockLoop if virtual else None) as runner:
+        with _signals(cancel), asyncio.Runner(loop_factory=factory) as runner:
             loop = runner.get_loop()
             return runner.run(main())
     except asyncio.CancelledError:
         if not signalled:
             raise
         return INTERRUPTED
-    except (BusError, ValueError, OSError, ExceptionGroup) as error:
-        causes = list(_causes(error))
-        if not all(isinstance(cause, BusError | ValueError | OSError) for cause in causes):
+    except Exception as error:
+        if settings.debug:
             raise
-        told = [cause for cause in causes if not isinstance(cause, BrokenPipeError)]
-        if len(told) < len(causes):
-            nobody_reads()
-        for text in dict.fromkeys(f"[red]{type(cause).__name__}:[/red] {escape(str(cause))}" for cause in told):
-            errors.print(text)
-        return FAILED
+        return tell(error)
 
 
 @contextmanager
@@ -99,6 +115,43 @@ def _signals(cancel: Callable[[], None]) -> Iterator[None]:
     finally:
         for number, handler in former.items():
             signal.signal(number, handler or signal.SIG_DFL)
+
+
+def tell(error: Exception) -> int:
+    """Say what went wrong, in words and without a traceback. Returns the exit code."""
+    causes = list(_causes(error))
+    told = [cause for cause in causes if not isinstance(cause, BrokenPipeError)]
+    if len(told) < len(causes):
+        nobody_reads()
+    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    for text in dict.fromkeys(_words(cause) for cause in told):
+        errors.print(text)
+    codes = {_exit_code(cause) for cause in causes}
+    return UNKNOWN if UNKNOWN in codes else max(codes)
+
+
+def _words(error: Exception) -> str:
+    name = type(error).__name__
+    if isinstance(error, ModuleNotFoundError) and (needed := what_to_install(error)):
+        return escape(needed)
+    if isinstance(error, BusError | ValueError | OSError):
+        return f"[red]{name}:[/red] {escape(str(error))}"
+    return (
+        f"[red]{name}:[/red] {escape(str(error))}\nThis is a mistake in rs485bus. The same command with --debug shows "
+        "where; please report that."
+    )
+
+
+def _exit_code(error: Exception) -> int:
+    match error:
+        case PlantFileError():
+            return WRONG_INPUT
+        case OutcomeUnknown() | StopUnconfirmed():
+            return UNKNOWN
+        case PortError():
+            return NO_PORT
+        case _:
+            return FAILED
 
 
 def _causes(error: Exception) -> Iterator[Exception]:

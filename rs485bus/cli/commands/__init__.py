@@ -1,0 +1,45 @@
+"""Which commands there are. A command's module is loaded when that command is run, or its help is shown.
+
+To add one: write a function (or a `typer.Typer` with sub-commands) in a file of its own in this folder, and add a line
+here. Such a file imports nothing but typer and `rs485bus.cli.options` at its top, so that its help comes at once; what
+does the work is imported in the function, and run by `rs485bus.cli.process.start`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+FIND, MOVE, WATCH, PLAN, TRY = "Find and set up", "Move", "Watch and explain", "Plan and prove", "Without hardware"
+PANELS = (FIND, MOVE, WATCH, PLAN, TRY)
+
+
+class LazyCommand(NamedTuple):
+    """Where a command is, and the line that the list of commands shows of it."""
+
+    where: str
+    """The module and the name in it of a function or of a `typer.Typer`: "rs485bus.cli.scan:scan"."""
+    summary: str
+    """The same as the first line of its docstring."""
+    panel: str
+
+
+COMMANDS: dict[str, LazyCommand] = {
+    "check": LazyCommand(
+        "rs485bus.cli.commands.check:check", "Say whether a plant file is right, and what to mend.", PLAN
+    ),
+    "demo": LazyCommand(
+        "rs485bus.cli.commands.demo:demo",
+        "Home some drives, move them, watch them, stop: on a virtual plant, or on real drives.",
+        TRY,
+    ),
+    "sim": LazyCommand(
+        "rs485bus.cli.commands.sim:sim",
+        "Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted.",
+        TRY,
+    ),
+    "verify-watchdog": LazyCommand(
+        "rs485bus.cli.commands.verify_watchdog:verify_watchdog",
+        "Find out on the bench what feeds a drive's watchdog, and whether a trip latches. It turns the motor.",
+        PLAN,
+    ),
+}

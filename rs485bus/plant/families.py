@@ -1,0 +1,74 @@
+"""The families of drives that a plant file and the commands know: those here, and those that other packages register.
+
+A package registers its family by an entry point of the group `rs485bus.families` that names a `Family`, or a function
+that returns one:
+
+    [project.entry-points."rs485bus.families"]
+    acme = "acme_drives.bench:FAMILY"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any
+
+from rs485bus.errors import BusError
+
+if TYPE_CHECKING:
+    from rs485bus.sim import SimDevice
+
+GROUP = "rs485bus.families"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Family:
+    """What the commands must know of a family."""
+
+    name: str
+    """As it stands in plant files: "mks"."""
+    title: str
+    """As people call it."""
+    facade: Callable[[], Callable[..., Any]]
+    """Returns its facade's class, which is called with a bus, an address, and its own options by name. What may stand
+    in a plant file are these options."""
+    sides: tuple[str, ...] = ()
+    """The facade's attributes that are axes, where one address has several; none where the facade is the axis."""
+    by_side: frozenset[str] = frozenset()
+    """Options that the facade takes as a tuple, one for each side."""
+    addresses: tuple[int, int] = (1, 247)
+    watchdog: tuple[float, float] | None = None
+    """Between which times, in seconds, its watchdog can be set; None where it has none."""
+    baudrate: int = 115200
+    """bit/s as shipped."""
+    simulate: Callable[[int, Mapping[str, Any]], SimDevice] | None = None
+    """A virtual drive at an address, with the options of the plant file; None where there is none."""
+
+
+@cache
+def families() -> Mapping[str, Family]:
+    """All that are known, by name.
+
+    Raises:
+        BusError: another package registers what is none.
+    """
+    from rs485bus.plant.builtin import BUILTIN
+
+    known = {family.name: family for family in BUILTIN}
+    for entry in entry_points(group=GROUP):
+        if entry.name in known:
+            continue
+        try:
+            loaded = entry.load()
+            family = loaded if isinstance(loaded, Family) else loaded()
+        except Exception as error:
+            raise BusError(
+                f"the family {entry.name!r} of another package ({entry.value}) cannot be loaded: {error}. "
+                "Update that package or uninstall it."
+            ) from error
+        if not isinstance(family, Family):
+            raise BusError(f"the family {entry.name!r} of another package ({entry.value}) is no rs485bus.plant.Family")
+        known[entry.name] = family
+    return known

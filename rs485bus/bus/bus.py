@@ -65,7 +65,7 @@ class Bus:
         )
         self._owner.feeding.on_escape = warn_of
         self._owner.feeding.on_strain = warn_of_strain
-        self._owner.on_released = lambda unit: restore_late(self._owner, unit)
+        self._owner.stops.on_released = lambda unit: restore_late(self._owner, unit)
         self._pump = OwnerRunner(self._owner, transport, self._loop)
         self._owner.starts.poke = self._pump.run
         self._port = Port(transport, self._owner, self._pump, config)
@@ -373,7 +373,7 @@ class Bus:
         """Stop a device, or the part of it named, until it is seen standing."""
         self.check_thread()
         self._owner.now = self._loop.time()
-        halt = self._owner.halt(self._owner.units[attached.address], motion, emergency=emergency, frames=frames)
+        halt = self._owner.stops.halt(self._owner.units[attached.address], motion, emergency=emergency, frames=frames)
         halt.listen(told)
         self._pump.run()
 

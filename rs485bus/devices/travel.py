@@ -190,7 +190,7 @@ class Travel(Halting):
             )
         else:
             return
-        self.bus.owner.restarted(self.bus.owner.units[self.attached.address])
+        self.bus.owner.stops.restarted(self.bus.owner.units[self.attached.address])
         self._enabled = look.enabled
         self._forget()
         raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")

@@ -293,7 +293,7 @@ class Campaign:
         self._stopped_at[address] = asked_at = rig.now
         self._halts += 1
         rig.owner.now = rig.now
-        halt = rig.owner.halt(rig.owner.units[address], self._attached[address].motion, emergency=emergency)
+        halt = rig.owner.stops.halt(rig.owner.units[address], self._attached[address].motion, emergency=emergency)
 
         def told(halted: Halted) -> None:
             self._halts -= 1

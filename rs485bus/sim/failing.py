@@ -73,7 +73,7 @@ def die(plant: Plant, dead: int, timeout: float, *, pressed: float | None = None
 
     def press(drive: Drive) -> None:
         rig.owner.now = rig.now
-        rig.owner.halt(rig.owner.units[drive.sim.address], drive.adapter.motion, emergency=True)
+        rig.owner.stops.halt(rig.owner.units[drive.sim.address], drive.adapter.motion, emergency=True)
         assert pressed is not None
         rig.at(rig.now + pressed, lambda: press(drive))
 

@@ -84,7 +84,7 @@ class Drive:
     def stop(self, rig: Rig, emergency: bool = True) -> Halt:
         """Have the owner stop it."""
         rig.owner.now = rig.now
-        halt = rig.owner.halt(rig.owner.units[self.address], self.attached.motion, emergency=emergency)
+        halt = rig.owner.stops.halt(rig.owner.units[self.address], self.attached.motion, emergency=emergency)
         halt.listen(self.halted.append)
         return halt
 

@@ -159,7 +159,7 @@ def test_stops_to_a_drive_that_does_not_answer_take_a_fifth_of_the_wire_while_ot
 
     def press() -> None:
         rig.owner.now = rig.now
-        rig.owner.halt(rig.owner.units[2], dead.adapter.motion, emergency=True)
+        rig.owner.stops.halt(rig.owner.units[2], dead.adapter.motion, emergency=True)
         rig.at(rig.now + 0.05, press)
 
     ask()
@@ -187,7 +187,7 @@ def test_a_drive_that_answers_is_stopped_at_once_beside_a_dead_one_that_is_stopp
 
     def press() -> None:
         rig.owner.now = rig.now
-        rig.owner.halt(rig.owner.units[1], dead.adapter.motion, emergency=True)
+        rig.owner.stops.halt(rig.owner.units[1], dead.adapter.motion, emergency=True)
         rig.at(rig.now + 0.05, press)
 
     press()
@@ -197,7 +197,7 @@ def test_a_drive_that_answers_is_stopped_at_once_beside_a_dead_one_that_is_stopp
         rig.owner.now = begun = rig.now
         live.adapter.motion.commanded(rig.now)
         halted: list[object] = []
-        rig.owner.halt(rig.owner.units[3], live.adapter.motion, emergency=True).listen(halted.append)
+        rig.owner.stops.halt(rig.owner.units[3], live.adapter.motion, emergency=True).listen(halted.append)
         rig.run(1.0, lambda: bool(halted))  # noqa: B023 - called at once
         stops = [record for record in rig.owner.journal.flight if record.address == 3 and record.sent_at >= begun]
         stop = next(record for record in stops if record.urgency is Urgency.STOP)
@@ -301,7 +301,7 @@ def test_a_stop_cuts_no_feed_short_that_somebody_would_trip_for() -> None:
 
     def press() -> None:
         rig.owner.now = rig.now
-        rig.owner.halt(rig.owner.units[1], drives[0].adapter.motion, emergency=True)
+        rig.owner.stops.halt(rig.owner.units[1], drives[0].adapter.motion, emergency=True)
         rig.at(rig.now + 0.05, press)
 
     press()

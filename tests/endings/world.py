@@ -299,7 +299,9 @@ class World:
                 raise Boom
 
         self.owner.now = self.now
-        halt = self._call(lambda: self.owner.halt(self.owner.units[address], attached.motion, emergency=emergency))
+        halt = self._call(
+            lambda: self.owner.stops.halt(self.owner.units[address], attached.motion, emergency=emergency)
+        )
         if halt is not None:
             self._call(halt.listen, told)
         else:

@@ -48,7 +48,7 @@ class Repeating:
                 return False
             if job.backs_off:
                 job.not_before = now + pause(job)
-            elif job.attempts > self._retries_of(job) and not job.request.writes:
+            elif job.attempts > self.retries_of(job) and not job.request.writes:
                 job.not_before = min(now + 2 * pause(job), job.patient_until)  # the device may be busy
             self._queue.put(job, first=True)
             return True
@@ -83,7 +83,7 @@ class Repeating:
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED, Reason.NONE)
 
     def _may_repeat(self, job: Job, now: float) -> bool:
-        retries = self._retries_of(job)
+        retries = self.retries_of(job)
         attempts = job.attempts - min(job.cuts, _CUTS) if retries else job.attempts
         more = attempts <= retries or now < job.patient_until
         return more and job.slot is None and _is_wanted(job, now)
@@ -130,14 +130,14 @@ class Repeating:
             self._end(job, Outcome.REPLY, Reason.NONE)
         elif _was_begun(job):
             # What it has begun may be seen later, and would be done twice if it were repeated.
-            if job.read_backs > self._retries_of(job) or not self._read_back(job, now):
+            if job.read_backs > self.retries_of(job) or not self._read_back(job, now):
                 self._end(job, Outcome.UNKNOWN, Reason.NONE)
         elif self._may_repeat(job, now):
             self._queue.put(job, first=True)
         else:
             self._end(job, Outcome.UNKNOWN, Reason.NONE)
 
-    def _retries_of(self, job: Job) -> int:
+    def retries_of(self, job: Job) -> int:
         return self._retries if job.retries is None else job.retries
 
 

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from rs485bus.bus.clock import Clock
 from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.schedule.timers import Timers
@@ -25,24 +26,24 @@ class Scheduler:
     Args:
         submit: takes a job that a procedure waits for.
         timers: call back a procedure that waits for a time.
+        clock: the time.
     """
 
-    __slots__ = ("_asleep", "_submit", "_timers", "now")
+    __slots__ = ("_asleep", "_clock", "_submit", "_timers")
 
-    def __init__(self, submit: Callable[[Job], None], timers: Timers, now: float) -> None:
+    def __init__(self, submit: Callable[[Job], None], timers: Timers, clock: Clock) -> None:
         self._submit = submit
         self._timers = timers
         self._asleep: dict[Procedure[Any], Callable[[], None]] = {}
         """The procedures that wait for a time, and what resumes each."""
-        self.now = now
+        self._clock = clock
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Drive a procedure to its end, whatever becomes of who started it."""
         self._resume(procedure, done, None)
 
-    def end_all(self, now: float) -> None:
+    def end_all(self) -> None:
         """The bus is closed: no time is waited for any more. What waits for a job or a halt is resumed by that."""
-        self.now = now
         for _ in range(_ROUNDS):
             if not self._asleep:
                 return
@@ -68,7 +69,7 @@ class Scheduler:
         elif isinstance(wanted, Halt | Endings):
             wanted.listen(lambda told: self._resume(procedure, done, told))
         else:
-            self._sleep(procedure, wanted, lambda: self._resume(procedure, done, self.now))
+            self._sleep(procedure, wanted, lambda: self._resume(procedure, done, self._clock.now))
 
     def _sleep(self, procedure: Procedure[Any], until: float, resume: Callable[[], None]) -> None:
         def wake() -> None:

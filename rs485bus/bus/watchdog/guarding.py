@@ -58,8 +58,8 @@ def emergency_stop(owner: Owner) -> Procedure[EmergencyReport]:
     for unit in units:
         assert unit.attached is not None
         unit.locked = "an emergency stop was made"
-        owner.stops_only(unit)
-        halts.append(owner.halt(unit, unit.attached.motion, emergency=True))
+        owner.stops.stops_only(unit)
+        halts.append(owner.stops.halt(unit, unit.attached.motion, emergency=True))
     # The first stop is on its way before the others are told: a long queue takes a while.
     yield owner.now + 0.001
     owner.flush(Reason.EMERGENCY)

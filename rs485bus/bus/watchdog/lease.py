@@ -53,6 +53,6 @@ class Lease:
             unit = owner.units[device.address]
             unit.lapsed = True
             unit.locked = f"its lease of {self._seconds:g} s was not renewed"
-            owner.stops_only(unit)
-            owner.halt(unit, device.motion, emergency=False)
+            owner.stops.stops_only(unit)
+            owner.stops.halt(unit, device.motion, emergency=False)
             device.interrupted(0.0, unit.locked)

@@ -25,7 +25,7 @@ def release(owner: Owner, devices: Sequence[DeviceAdapter]) -> Procedure[list[Ha
     """
     if not devices:
         return []
-    halts = [owner.halt(owner.units[device.address], device.motion, emergency=False) for device in devices]
+    halts = [owner.stops.halt(owner.units[device.address], device.motion, emergency=False) for device in devices]
     endings: Endings[Halted] = Endings(len(devices))
     for place, (device, halt) in enumerate(zip(devices, halts, strict=True)):
         owner.start(_release_one(owner, device, halt), endings.ending(place))
@@ -37,7 +37,7 @@ def _release_one(owner: Owner, device: DeviceAdapter, halt: Halt) -> Procedure[H
     unit = owner.units[device.address]
     halted: Halted = yield halt
     if not halted.standing:
-        owner.stops_only(unit)
+        owner.stops.stops_only(unit)
     elif device.watchdog is not None and unit.may_be_armed:
         yield from _restore(owner, unit, device, device.watchdog)
     unit.rearm = None

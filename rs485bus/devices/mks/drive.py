@@ -193,7 +193,7 @@ class MksDrive(Axis):
         if self._homed is None or not self._near(look.position, 0) or await self._read_homed() == self._homed:
             return False
         self._lost = "its drive has forgotten that it was homed: it has restarted."
-        self.bus.owner.restarted(self.bus.owner.units[self.attached.address])
+        self.bus.owner.stops.restarted(self.bus.owner.units[self.attached.address])
         self._forget()
         return True
 

@@ -217,7 +217,7 @@ class HubMotor(Axis):
     def restarted(self) -> None:
         """The drive was seen to have restarted."""
         self._lost = "its drive has restarted, and counts from zero where it stood then."
-        self.bus.owner.restarted(self.bus.owner.units[self.attached.address])
+        self.bus.owner.stops.restarted(self.bus.owner.units[self.attached.address])
         self._enabled = False
         self._forget()
 

@@ -1,0 +1,268 @@
+"""What came of each attempt: a reply, whose it is and what it is worth, or none, and what follows on that. Pure."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from rs485bus.bus.clock import Clock
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.line.serial_line import SerialLine
+from rs485bus.bus.line.transaction import Kind, Received
+from rs485bus.bus.record import Journal
+from rs485bus.bus.schedule.admission import AdmissionControl
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.lingering import Lingering
+from rs485bus.bus.schedule.queue import Queue
+from rs485bus.bus.schedule.repeating import Repeating
+from rs485bus.bus.schedule.timers import Timers
+from rs485bus.bus.units.asking import hurry
+from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.watchdog.feeding import Feeding
+from rs485bus.bus.watchdog.register_writes import RegisterWrites
+from rs485bus.wire.exceptions import Meaning, is_a_gateways
+from rs485bus.wire.frames import Request
+from rs485bus.wire.registers import Repeat
+
+_LATE = (Kind.LATE, Kind.LATE_EXCEPTION)
+_STOPPING = (Urgency.STOP, Urgency.CONFIRM)
+
+
+class End(Protocol):
+    """Ends a job."""
+
+    def __call__(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None: ...
+
+
+class Attempts:
+    """Judges what came of each attempt.
+
+    Args:
+        clock: the time.
+        config: how the bus behaves.
+        pair: the pair.
+        queue: what waits for it.
+        gate: who may go onto it.
+        feeding: the armed watchdogs.
+        units: what is known of each address.
+        journal: what was sent before.
+        register_writes: sees the writes to watchdog registers.
+        timers: calls back.
+        end: ends a job.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        config: BusConfig,
+        pair: SerialLine,
+        queue: Queue,
+        gate: AdmissionControl,
+        feeding: Feeding,
+        units: UnitStates,
+        journal: Journal,
+        register_writes: RegisterWrites,
+        timers: Timers,
+        end: End,
+    ) -> None:
+        self._clock = clock
+        self._offline_after = config.offline_after
+        self._pair = pair
+        self._queue = queue
+        self._gate = gate
+        self._feeding = feeding
+        self._units = units
+        self._journal = journal
+        self._register_writes = register_writes
+        self._end = end
+        self._repeating = Repeating(config.retries, queue, end)
+        self.lingering = Lingering(timers, self.gave_no_reply)
+        self._missed = 0
+        """The unit that left the latest request unanswered; 0 if that was answered."""
+
+    def retries_of(self, job: Job) -> int:
+        """How often a job is repeated."""
+        return self._repeating.retries_of(job)
+
+    def take(self, received: Received) -> None:
+        kind, request, frame = received
+        unit = self._units[request.address]
+        if kind in _LATE:
+            self.came_late(kind, unit, request, frame)
+        elif kind is not Kind.ECHO and (job := self._pair.job) is not None:
+            unit.late.expire(self._clock.now)
+            if kind is Kind.NORMAL:
+                undecided = job.urgency is Urgency.STOP and self._is_anothers(job, unit, frame)
+            else:
+                undecided = unit.late.leaves_undecided(job, frame)
+            if not undecided:
+                self._answered(job, unit, kind, frame)
+            else:
+                self._pair.exchange.pass_over(frame)
+                self._heard_of(unit, frame)
+
+    def came_late(self, kind: Kind, unit: UnitState, request: Request | None, frame: bytes) -> None:
+        """A late reply came, to a request that is owed one; None if no such is owed. It is delivered to nobody but the
+        same job, which waits to be sent again. But whoever answers late is there, and heard what was asked then."""
+        self._journal.unit(unit.address).late_replies += 1
+        unit.heard_at = self._clock.now
+        if kind is Kind.LATE_EXCEPTION:
+            unit.late.excepted(frame[1] & 0x7F, frame)
+            self._heard_of(unit, frame)
+            return
+        self._units.heard(unit, self._clock.now)
+        hurry(unit, self._clock.now)
+        if request is None:
+            return
+        waiting = unit.late.waiting(request, frame)
+        if (since := unit.late.arrived(request, frame)) is not None:
+            self._feeding.heard(unit.address, since)
+            if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
+                waiting.answered_since, waiting.reply = since, frame
+                self._end(waiting, Outcome.REPLY)
+
+    def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
+        meaning = None
+        if kind is not Kind.NORMAL:
+            if kind is Kind.EXCEPTION:
+                job.code = frame[2]
+            meaning = unit.meaning(job.request, job.code)
+            if meaning is Meaning.UNANSWERED:
+                self.unanswered("no reply", frame)
+                return
+        since = unit.late.answered(job, self._pair.owed_until + unit.late_reply_window, frame)
+        job.answered_since = since
+        job.reply = frame
+        self._units.answered(unit, job.request)
+        self._missed = 0
+        unit.heard_at = self._clock.now
+        if meaning is not None:
+            unit.answers.refused(job.request)
+        elif not job.unanswered and since == job.sent_at and self._clock.now <= self._pair.deadline:
+            took = (
+                self._clock.now
+                - since
+                - self._pair.line.airtime(len(job.request.adu) + len(frame))
+                - self._pair.latency
+            )
+            unit.reply_times.answered(job, took)
+        if self._gate.silent:
+            self._gate.silent.pop(unit, None)
+        self.note(job, frame, "reply" if meaning is None else "refused", self._clock.now)
+        told = since == job.sent_at and self._pair.exchange.judge()
+        if not told and not job.request.writes:
+            self._pair.exchange.question.tried(job.address)
+        self._pair.end(self._units.late(self._clock.now), self._clock.now, answered=True)
+        if meaning is not None:
+            self._fed_nothing(job)
+            self._repeating.after_exception(job, meaning, self._clock.now)
+            return
+        self._feeding.heard(unit.address, since, job.sent_at)
+        if job.feeds and since == job.sent_at:
+            air = self._pair.line.airtime(len(job.request.adu) + len(frame))
+            self._feeding.fed(unit.address, self._clock.now - job.sent_at - air)
+        if job.request.writes:
+            self._register_writes.acknowledged(job, unit)
+        if unit.attached is not None and job.internal and since == job.sent_at:
+            unit.attached.told(job.request, frame, since)
+        self._end(job, Outcome.REPLY)
+
+    def _is_anothers(self, job: Job, unit: UnitState, frame: bytes) -> bool:
+        """Whether the answer to a stop may be an older request's, for whose reply the stop did not wait."""
+        if job.ignores_late_replies or not unit.late.must_wait(job.request, job):
+            return False
+        self._journal.unit(unit.address).late_replies += 1
+        unit.late.arrived(job.request, frame)
+        return True
+
+    def _heard_of(self, unit: UnitState, frame: bytes) -> None:
+        """A frame came that ended nothing. It tells that the unit is there, unless a gateway says that it is not."""
+        if not is_a_gateways(frame):
+            self._units.heard(unit, self._clock.now)
+
+    def unanswered(self, how: str, frame: bytes = b"") -> None:
+        """The attempt on the wire got no reply: its time is over, a gateway says so in a frame, a stop cut it short, or
+        the port was lost."""
+        job = self._pair.job
+        assert job is not None
+        unit = self._units[job.address]
+        job.unanswered += 1
+        job.cuts += how == "cut"
+        in_doubt = how == "no reply" and self._pair.exchange.is_in_doubt
+        job.heard = self._pair.exchange.heard() or job.heard
+        owed_until = max(self._pair.owed_until, self._clock.now)
+        unit.unheard(job.sent_at)
+        self._units.owes(unit, job, owed_until)
+        self.note(job, frame, how, self._clock.now)
+        if not job.request.writes:
+            self._pair.exchange.question.tried(job.address)
+        if how == "no reply":
+            if not frame:
+                if job.attempts == 1 and self._clock.now < owed_until and not job.backs_off:
+                    job.patient_until = job.sent_at + self._repeating.retries_of(job) * (owed_until - job.sent_at)
+                unit.reply_times.missed(job)
+                self._gate.silent[unit] = owed_until
+            if job.sent_at >= unit.misses_count_from:
+                unit.misses_count_from = owed_until
+                self._units.unanswered(unit, job, self._clock.now)
+        self._pair.end(self._units.late(self._clock.now), self._clock.now, answered=False)
+        self._fed_nothing(job, how)
+        if job.urgency in _STOPPING and self._feeding.guards_others(job.address):
+            self._gate.ration.spend(self._clock.now - job.sent_at, self._clock.now)
+        read = unit.harmless_read
+        if in_doubt and self._repeating.after_doubt(
+            job, read(), lambda why: self._was_in_doubt(job, why), self._clock.now
+        ):
+            return
+        self._not_answered(job, unit, how, 0.0 if job.internal or frame or how != "no reply" else owed_until)
+
+    def _was_in_doubt(self, job: Job, reason: Reason) -> None:
+        """The adapter has been found out, or nobody answered, or that could not be asked."""
+        unit = self._units[job.address]
+        if reason is not Reason.NONE:
+            self._end(job, silence_of(job), reason)
+        elif self._pair.exchange.echo is not False:
+            self._not_answered(job, unit, "no reply")
+        else:
+            job.unanswered -= 1
+            job.reply, job.answered_since = job.request.adu, job.sent_at
+            unit.late.arrived(job.request, job.reply)
+            self._register_writes.acknowledged(job, unit)
+            self._end(job, Outcome.REPLY)
+
+    def _not_answered(self, job: Job, unit: UnitState, how: str, may_come_until: float = 0.0) -> None:
+        """What came of an attempt that was not answered. Its reply may come until the time given all the same."""
+        missed, self._missed = self._missed, job.address
+        if how != "lost" and not unit.reach.silent and self._repeating.after_silence(job, self._clock.now):
+            if missed not in (0, job.address):
+                # It may have taken this request for the answer that its neighbour did not give.
+                self._queue.hurry(job)
+            return
+        if may_come_until > self._clock.now:
+            self.lingering.add(job, may_come_until)
+            return
+        if how == "no reply" and not job.internal:
+            self._units.missed(unit, self._clock.now, self._offline_after)
+        lost = Reason.CLOSED if self._gate.closed else Reason.UNPLUGGED
+        self._end(job, silence_of(job), lost if how == "lost" else Reason.NONE)
+
+    def gave_no_reply(self, job: Job, reason: Reason = Reason.NONE) -> None:
+        """The last attempt was not answered within the longest time that the unit may take."""
+        self._units.missed(self._units[job.address], self._clock.now, self._offline_after)
+        self._end(job, silence_of(job), reason)
+
+    def _fed_nothing(self, job: Job, how: str = "refused") -> None:
+        """The job's latest attempt was not acknowledged."""
+        if job.feeds or (job.urgency in _STOPPING and how != "refused"):
+            job.feeds = False
+            self._feeding.failed(job.address, self._clock.now, self._clock.now - job.sent_at, cut=how == "cut")
+
+    def note(self, job: Job, reply: bytes, outcome: str, now: float) -> None:
+        record, crc_errors = self._pair.record(job, reply, outcome, now)
+        self._journal.unit(job.address).crc_errors += crc_errors
+        self._journal.add(record)
+
+
+def silence_of(job: Job) -> Outcome:
+    """What it means that a job was sent and not answered."""
+    safe = job.repeat is Repeat.SAFE or not job.request.writes
+    return Outcome.NO_REPLY if safe else Outcome.UNKNOWN

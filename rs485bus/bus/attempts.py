@@ -8,10 +8,11 @@ from rs485bus.bus.clock import Clock
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.line.transaction import Kind, Received
-from rs485bus.bus.record import Journal
+from rs485bus.bus.record import Journal, Record
 from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.lingering import Lingering
+from rs485bus.bus.schedule.pipeline import Pipeline
 from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.timers import Timers
@@ -19,7 +20,7 @@ from rs485bus.bus.units.asking import hurry
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.bus.watchdog.register_writes import RegisterWrites
-from rs485bus.wire.exceptions import Meaning, is_a_gateways
+from rs485bus.wire.exceptions import Meaning, is_a_gateways, is_exception
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 
@@ -48,6 +49,8 @@ class Attempts:
         register_writes: sees the writes to watchdog registers.
         timers: calls back.
         end: ends a job.
+        numbered: each answer tells which request it is to.
+        native: and it is the device itself that tells.
     """
 
     def __init__(
@@ -63,6 +66,9 @@ class Attempts:
         register_writes: RegisterWrites,
         timers: Timers,
         end: End,
+        *,
+        numbered: bool,
+        native: bool,
     ) -> None:
         self._clock = clock
         self._offline_after = config.offline_after
@@ -76,12 +82,17 @@ class Attempts:
         self._end = end
         self._repeating = Repeating(config.retries, queue, end)
         self.lingering = Lingering(timers, self.gave_no_reply)
+        self.pipeline = Pipeline(config.pipeline if numbered else 1, native, units, feeding, timers, self._missed_one)
         self._missed = 0
         """The unit that left the latest request unanswered; 0 if that was answered."""
 
     def retries_of(self, job: Job) -> int:
         """How often a job is repeated."""
         return self._repeating.retries_of(job)
+
+    def end_all(self) -> list[Job]:
+        """The jobs that may be answered while others are served: no answer can come any more."""
+        return self.lingering.end_all() + self.pipeline.end_all()
 
     def take(self, received: Received) -> None:
         kind, request, frame = received
@@ -138,12 +149,8 @@ class Attempts:
         if meaning is not None:
             unit.answers.refused(job.request)
         elif not job.unanswered and since == job.sent_at and self._clock.now <= self._pair.deadline:
-            took = (
-                self._clock.now
-                - since
-                - self._pair.line.airtime(len(job.request.adu) + len(frame))
-                - self._pair.latency
-            )
+            air = self._pair.line.airtime(len(job.request.adu) + len(frame))
+            took = self._clock.now - since - air - self._pair.latency
             unit.reply_times.answered(job, took)
         if self._gate.silent:
             self._gate.silent.pop(unit, None)
@@ -208,11 +215,10 @@ class Attempts:
         self._fed_nothing(job, how)
         if job.urgency in _STOPPING and self._feeding.guards_others(job.address):
             self._gate.ration.spend(self._clock.now - job.sent_at, self._clock.now)
-        read = unit.harmless_read
-        if in_doubt and self._repeating.after_doubt(
-            job, read(), lambda why: self._was_in_doubt(job, why), self._clock.now
-        ):
-            return
+        if in_doubt:
+            read = unit.harmless_read()
+            if self._repeating.after_doubt(job, read, lambda why: self._was_in_doubt(job, why), self._clock.now):
+                return
         self._not_answered(job, unit, how, 0.0 if job.internal or frame or how != "no reply" else owed_until)
 
     def _was_in_doubt(self, job: Job, reason: Reason) -> None:
@@ -255,6 +261,49 @@ class Attempts:
         if job.feeds or (job.urgency in _STOPPING and how != "refused"):
             job.feeds = False
             self._feeding.failed(job.address, self._clock.now, self._clock.now - job.sent_at, cut=how == "cut")
+
+    # What is out beside others
+
+    def one_answered(self, job: Job, frame: bytes) -> None:
+        """A frame came that answers, by its number, one of the requests that are out beside each other."""
+        now, unit = self._clock.now, self._units[job.address]
+        refused = is_exception(frame)
+        if not (job.request.answered_by(frame) or (refused and frame[1] & 0x7F == job.request.function)):
+            return  # a gateway has mixed something up: the job's time decides
+        meaning = None
+        if refused:
+            if unit.late.leaves_undecided(job, frame):
+                return
+            job.code = frame[2]
+            meaning = unit.meaning(job.request, job.code)
+        self.pipeline.leaves(job)
+        if meaning is Meaning.UNANSWERED:
+            self._missed_one(job, frame)
+            return
+        job.answered_since = unit.late.answered(job, now + unit.late_reply_window, frame)
+        job.reply = frame
+        self._units.answered(unit, job.request)
+        unit.heard_at = now
+        self._note_one(job, frame, "reply" if meaning is None else "refused")
+        if meaning is None:
+            self._end(job, Outcome.REPLY)
+        else:
+            self._repeating.after_exception(job, meaning, now)
+
+    def _missed_one(self, job: Job, frame: bytes = b"") -> None:
+        """One of those was not answered in its time, or a gateway says in a frame that it will not be."""
+        now, unit = self._clock.now, self._units[job.address]
+        job.unanswered += 1
+        self._units.owes(unit, job, now)
+        self._note_one(job, frame, "no reply")
+        self._units.unanswered(unit, job, now)
+        self._not_answered(job, unit, "no reply")
+
+    def _note_one(self, job: Job, reply: bytes, outcome: str) -> None:
+        sent, now = (job.queued_at, job.sent_at), self._clock.now
+        self._journal.add(
+            Record(job.address, job.urgency, job.attempts, job.request.adu, reply, 0, *sent, None, now, outcome)
+        )
 
     def note(self, job: Job, reply: bytes, outcome: str, now: float) -> None:
         record, crc_errors = self._pair.record(job, reply, outcome, now)

@@ -57,6 +57,10 @@ class BusConfig:
     silence: float | None = None
     """Silence between frames on a serial port; None for the 3.5 characters of Modbus (t3.5). Less is quicker, where it
     was measured on the bench that every device on the pair takes it; 1.5 characters at the least."""
+    pipeline: int = 1
+    """How many reads may be out at once over Modbus TCP (`tcp://`), 1..16. Behind a gateway one a unit, and a stop
+    waits behind those that the gateway has taken. Only reads of plain units; motion never, and nothing at all while a
+    watchdog is armed. No effect on other ports: what is on a pair can be told apart by nothing but its turn."""
     rs485_direction: bool | RS485Settings = False
     """Let the kernel switch the direction by RTS (TIOCSRS485), for ports wired so.
 
@@ -75,6 +79,7 @@ class BusConfig:
         _within("reopen_max", self.reopen_max, 0.01, 60)
         _within("reopen_min", self.reopen_min, 0.01, self.reopen_max)
         _within("tcp_gap", self.tcp_gap, 0, 1)
+        whole("pipeline", self.pipeline, 1, 16)
         if self.silence is not None:
             _within("silence", self.silence, 0, 1)
         if self.echo not in ("auto", True, False):

@@ -18,6 +18,7 @@ from rs485bus.bus.line.transaction import Kind
 from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.one_way import OneWay
 from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.schedule.scheduler import Scheduler
 from rs485bus.bus.schedule.selector import Selector
@@ -67,8 +68,8 @@ class Owner:
         self._native = native
         self.send_at = now
         """When the frame that `tick` returned is to be sent."""
-        self.one_way_ends_at = FOREVER
-        """When the latest frame that nobody answers (a broadcast) must have gone out; infinity where none is out."""
+        self.sent: Job | None = None
+        """The job whose frame that is."""
         self.journal = Journal()
         silence = config.silence_on(line, gateway) * (not numbered)
         echo = False if numbered else None if config.echo == "auto" else config.echo
@@ -83,13 +84,23 @@ class Owner:
         self._timers = Timers()
         self._queue = Queue()
         wire = (self.pair, self._queue, self.gate, self.feeding, self.units)
-        self._selector = Selector(clock, *wire, self.journal, self._submit, self._drop)
+        self._attempts = Attempts(
+            clock,
+            config,
+            *wire,
+            self.journal,
+            self._register_writes,
+            self._timers,
+            self._end,
+            numbered=numbered,
+            native=native,
+        )
+        self._pipeline = self._attempts.pipeline
+        self._selector = Selector(clock, *wire, self.journal, self._pipeline, self._submit, self._drop)
         self.starts = self._selector.starts
-        self._attempts = Attempts(clock, config, *wire, self.journal, self._register_writes, self._timers, self._end)
         self._procedures = Scheduler(self._submit, self._timers, clock)
         self.stops = Stops(clock, *wire, self._procedures, self._timers, self._submit, self._flush)
-        self._one_way: list[Job] = []
-        """Jobs that nobody answers, in their turnaround."""
+        self.one_way = OneWay(self._timers, self._end)
         self._wake = FOREVER
         self.host_slack = 0.0
         """Seconds by which this computer may be late to hand a reply over."""
@@ -173,7 +184,10 @@ class Owner:
         """A frame was received that answers an older request than the latest: the job `asked`, as its number tells."""
         self._clock.now = now
         unit = self.units[frame[0]]
-        if self._native and isinstance(asked, Job) and asked.outcome is None and asked.request.answered_by(frame):
+        if isinstance(asked, Job) and self._pipeline.is_out(asked):
+            self._attempts.one_answered(asked, frame)
+            self._wake = now
+        elif self._native and isinstance(asked, Job) and asked.outcome is None and asked.request.answered_by(frame):
             # The device itself says so: it is the answer to what waits to be sent again, or for the end of its time.
             if self._attempts.lingering.leaves(asked) or self._queue.remove(asked):
                 asked.answered_since, asked.reply = asked.queued_at, frame
@@ -228,9 +242,8 @@ class Owner:
         self.pair.exchange.question.reopen()
         if self.pair.job is not None:
             self._attempts.unanswered("lost")
-        for job in tuple(self._one_way):  # nobody knows whether it went out
-            self._one_way_ended(job, Outcome.UNKNOWN, Reason.UNPLUGGED)
-        for job in self._attempts.lingering.end_all():
+        self.one_way.end_all(Outcome.UNKNOWN, Reason.UNPLUGGED)  # nobody knows whether they went out
+        for job in self._attempts.end_all():
             self._end(job, silence_of(job), Reason.UNPLUGGED)
         self._flush(self._queue, self.gate.needs_port, Reason.UNPLUGGED)
         for unit in self.units:
@@ -280,10 +293,9 @@ class Owner:
                 unit.halt.end()
         if self.pair.job is not None:
             self._attempts.unanswered("lost")
-        for job in tuple(self._one_way):
-            sent = now >= self.pair.air_end
-            self._one_way_ended(job, Outcome.REPLY if sent else Outcome.UNKNOWN, Reason.CLOSED)
-        for job in self._attempts.lingering.end_all():
+        sent = now >= self.pair.air_end
+        self.one_way.end_all(Outcome.REPLY if sent else Outcome.UNKNOWN, Reason.CLOSED)
+        for job in self._attempts.end_all():
             self._end(job, silence_of(job))
         self._flush(self._queue, lambda _: True, Reason.CLOSED)
         self._procedures.end_all()
@@ -306,6 +318,7 @@ class Owner:
 
     def _send(self, job: Job, start: float) -> bytes:
         self.send_at = start
+        self.sent = job
         job.attempts += 1
         job.code = None
         job.sent_at = start
@@ -313,6 +326,9 @@ class Owner:
             job.motion.commanded(start)
         unit = self.units[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
+        if self._pipeline.takes(job):
+            self._pipeline.add(job, start + self.pair.longest_wait(job.request, timeout))
+            return job.request.adu
         if unit.asked_in_vain and job.urgency is Urgency.STOP and self.feeding.guards_others(job.address):
             # Whether it is there is known when it was silent for its time; others must not trip for that.
             timeout = min(timeout, max(CUT_AFTER, unit.silent_since + timeout - start))
@@ -326,9 +342,7 @@ class Owner:
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
             self._selector.turnaround_until = max(self._selector.turnaround_until, over)
             self._attempts.note(job, b"", "broadcast" if job.is_broadcast else "sent", sent)
-            self._one_way.append(job)
-            self.one_way_ends_at = over
-            self.at(over, lambda: self._one_way_ended(job, Outcome.REPLY))
+            self.one_way.add(job, over)
         if job.request.writes:
             self._register_writes.sent(job)
         return job.request.adu
@@ -341,21 +355,14 @@ class Owner:
             return job.attempts == 1 or job.urgency is not Urgency.CONFIRM
         return job.is_repeatable and (job.internal or job.attempts <= self._attempts.retries_of(job))
 
-    def _one_way_ended(self, job: Job, outcome: Outcome, reason: Reason = Reason.NONE) -> None:
-        if job in self._one_way:
-            self._one_way.remove(job)
-            if not self._one_way:
-                self.one_way_ends_at = FOREVER
-            self._end(job, outcome, reason)
-
     # How jobs end
 
     def _expire(self, job: Job) -> None:
         """Its time is over. On the wire it is waited for on, but its caller is told."""
         if self._selector.waiting.expire(job.read_back or job, self._clock.now) or job.outcome is not None:
             return
-        if job in self._one_way and self._clock.now >= job.sent_at + self.pair.line.airtime(len(job.request.adu)):
-            self._one_way_ended(job, Outcome.REPLY)
+        if job in self.one_way and self._clock.now >= job.sent_at + self.pair.line.airtime(len(job.request.adu)):
+            self.one_way.ended(job)
         else:
             self._end(job, silence_of(job), Reason.UNAWAITED)
 

@@ -90,7 +90,7 @@ class OwnerRunner:
                     return
                 if now - self._wakes_at > BLOCKED:
                     self._say_blocked(now)
-                if now >= (owner.one_way_ends_at if owner.pair.job is None else owner.pair.owed_until) and (
+                if now >= (owner.one_way.ends_at if owner.pair.job is None else owner.pair.owed_until) and (
                     transport.unsent
                 ):
                     # It must not arrive later. That the port is lost is told next.
@@ -107,7 +107,7 @@ class OwnerRunner:
                     if self._ask is None:
                         transport.write(frame)
                     else:
-                        self._ask(frame, owner.pair.job)
+                        self._ask(frame, owner.sent)
                 if not self._again:
                     break  # after a frame there is a silence: there is nothing more to send
             self._set_alarm(owner.wake)

@@ -14,7 +14,7 @@ from rs485bus.bus.line.transaction import Received, Transaction
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.units.motion import NEVER
-from rs485bus.wire.frames import MAX_FRAME
+from rs485bus.wire.frames import MAX_FRAME, Request
 from rs485bus.wire.timing import LineSettings
 
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
@@ -145,9 +145,12 @@ class SerialLine:
             self.noisy_since = self.air_end
         if job.expects_reply:
             self.job = job
-            budget = self.line.budget(len(request.adu), reply_timeout, request.length or MAX_FRAME)
-            self.deadline = start + budget + self.latency
+            self.deadline = start + self.longest_wait(request, reply_timeout)
             self.owed_until = self.deadline
+
+    def longest_wait(self, request: Request, reply_timeout: float) -> float:
+        """Seconds from the start of a request within which its answer has come, or does not."""
+        return self.line.budget(len(request.adu), reply_timeout, request.length or MAX_FRAME) + self.latency
 
     def is_out(self, now: float) -> None:
         """What was sent is out, as its answer tells, however long it was reckoned to take."""

@@ -16,6 +16,7 @@ from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.burst_scheduler import BurstScheduler
 from rs485bus.bus.schedule.job import Job, Reason, Urgency
+from rs485bus.bus.schedule.pipeline import Pipeline
 from rs485bus.bus.schedule.queue import GONE, READY, Queue
 from rs485bus.bus.schedule.waiting import Waiting
 from rs485bus.bus.units.asking import question_for
@@ -41,6 +42,7 @@ class Selector:
         feeding: the armed watchdogs.
         units: what is known of each address.
         journal: what was sent before.
+        pipeline: what is out beside each other.
         submit: takes a job.
         drop: ends a job that was taken out of the queue.
     """
@@ -54,6 +56,7 @@ class Selector:
         feeding: Feeding,
         units: UnitStates,
         journal: Journal,
+        pipeline: Pipeline,
         submit: Callable[[Job], None],
         drop: Callable[[Job, Reason], None],
     ) -> None:
@@ -64,6 +67,7 @@ class Selector:
         self._feeding = feeding
         self._units = units
         self._journal = journal
+        self._pipeline = pipeline
         self._submit = submit
         self._drop = drop
         self.lead = 0.0
@@ -234,4 +238,5 @@ class Selector:
         if reason is not Reason.NONE:
             self._drop(job, reason)
             return GONE
-        return self._gate.wait(job, self._clock.now)
+        until = self._gate.wait(job, self._clock.now)
+        return self._pipeline.wait(job) if self._pipeline and until == READY else until

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from benchmarks.clients.registry import FLOOR, LIBRARIES, OURS
+from benchmarks.clients.registry import FLOOR, LIBRARIES, OURS, SERIALX
 from benchmarks.lossy_cases import DEAD, LOSSY, Case
 from benchmarks.setting import Setting
 from benchmarks.tasks.task import Task
@@ -29,7 +29,7 @@ class Scale:
     idle: float = 5.0
     watched: float = 60.0
     memory: float = 3600.0
-    libraries: tuple[str, ...] = field(default=tuple(LIBRARIES))
+    libraries: tuple[str, ...] = field(default=tuple(name for name in LIBRARIES if name != SERIALX))
 
 
 QUICK = Scale(

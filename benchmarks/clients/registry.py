@@ -52,6 +52,7 @@ class Library:
 
 
 OURS = "rs485bus"
+SERIALX = "rs485bus-serialx"
 FLOOR = "floor"
 
 LIBRARIES = {
@@ -59,6 +60,7 @@ LIBRARIES = {
     for library in (
         Library(FLOOR, "", "floor", blocking=True),
         Library(OURS, "", "ours"),
+        Library(SERIALX, "serialx", "ours_by_serialx"),
         Library("pymodbus", "pymodbus", "with_pymodbus", keeps_silence=False),
         Library("minimalmodbus", "minimalmodbus", "with_minimalmodbus", blocking=True),
         Library("anymodbus", "anymodbus", "with_anymodbus", python=(3, 13)),

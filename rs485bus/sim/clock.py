@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import selectors
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 
@@ -19,10 +19,11 @@ class _JumpingSelector(selectors.BaseSelector):
 
     def __init__(self) -> None:
         self.now = 1000.0
+        self.held: Callable[[], bool] = lambda: False
         self._real = selectors.DefaultSelector()
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        if timeout is None:
+        if timeout is None or (timeout > 0 and self.held()):
             return self._real.select(None)  # only a real event can go on from here
         events = self._real.select(0)
         if not events and timeout > 0:
@@ -46,7 +47,10 @@ class _JumpingSelector(selectors.BaseSelector):
 
 
 class VirtualClockLoop(asyncio.SelectorEventLoop):
-    """A `loop_factory` for `asyncio.Runner`."""
+    """A `loop_factory` for `asyncio.Runner`.
+
+    Where other threads have the loop do things, `hold` says when its time stands still until they do.
+    """
 
     def __init__(self) -> None:
         self._jumping = _JumpingSelector()
@@ -54,3 +58,7 @@ class VirtualClockLoop(asyncio.SelectorEventLoop):
 
     def time(self) -> float:
         return self._jumping.now
+
+    def hold(self, held: Callable[[], bool]) -> None:
+        """No time passes while `held` says so, and nothing happens: until another thread calls into the loop."""
+        self._jumping.held = held

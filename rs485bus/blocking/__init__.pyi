@@ -1,0 +1,1585 @@
+"""The blocking face, as type checkers and editors read it.
+
+Written by `python -m tests.blocking.stub` from the asynchronous classes; a test holds it against them.
+"""
+
+from collections.abc import Iterator as _Iterator
+from types import TracebackType as _TracebackType
+from typing import Generic, Literal, Self, TypeVar, overload
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.functions import RequestOptions
+from rs485bus.bus.port_urls import Backend
+from rs485bus.bus.record import BusStats, Record
+from rs485bus.bus.schedule.job import Urgency
+from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.watchdog.guarding import EmergencyReport
+from rs485bus.bus.watchdog.report import WatchReport
+from rs485bus.devices.mks.homing import Homing
+from rs485bus.devices.mks.questions import Encoder, Homings, MksStatus
+from rs485bus.devices.mks.settings import Gains, MksProfile, PositionProtection, PulseDivider
+from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Inputs as Inputs2, Model, MotionDirection, OutputMask, ParameterDirection, Status, WorkMode
+from rs485bus.devices.move import MoveState
+from rs485bus.devices.tlr.homing import Homing as Homing2
+from rs485bus.devices.tlr.stepper import TlrStatus, Version
+from rs485bus.devices.tlr.tables import Path, SpeedPath
+from rs485bus.devices.tlr.telemetry import Report
+from rs485bus.devices.tlr.values import BaudRate, DiFunction, DoFunction, LimitStop, OperatingMode, PathMode, PathTrigger, SerialFormat
+from rs485bus.devices.zlac.odometry import Pose
+from rs485bus.devices.zlac.setup import ZlacSetup
+from rs485bus.devices.zlac.status import ZlacStatus
+from rs485bus.devices.zlac.telemetry import Snapshot
+from rs485bus.devices.zlac.values import Brake, ControlMode, Side
+from rs485bus.transport.interface import Transport
+from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
+from rs485bus.wire.private import Reply
+from rs485bus.wire.registers import Block, Register
+from rs485bus.wire.timing import Parity
+from typing import Any, Generic, Unpack
+
+A = TypeVar("A")
+B = TypeVar("B")
+C = TypeVar("C")
+T = TypeVar("T")
+_V = TypeVar("_V", covariant=True)
+
+class Stream(_Iterator[_V]):
+    """What comes one after the other. `close()` ends it; so does letting go of it."""
+    def __next__(self) -> _V: ...
+    def close(self) -> None: ...
+
+def open_bus(port: str | PathLike[str] | Transport, *, baudrate: int | None = None, parity: Parity = 'N', stopbits: Literal[1, 2] = 1, backend: Backend | None = None, native: bool = False, config: BusConfig = ...) -> Bus:
+    """Open the bus on a port, now.
+
+    `with open_bus(...) as bus:` closes it at the end: a block that ends well waits for queued moves first, one left by
+    an exception stops every axis that may move. Without a block `bus.close()` does, and the end of the program.
+
+    Arguments and errors are those of `rs485bus.open_bus`.
+    """
+    ...
+class Halting:
+    """One axis, as it is stopped. The owner does that, whatever becomes of who asked for it.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+    """
+    bus: Bus
+    name: str
+
+class Travel(Halting):
+    """One axis, as it is looked at. Arguments as for `Conduct`."""
+    counts_per_turn: float
+    tolerance: int
+
+class Conduct(Travel):
+    """One axis, as moves are carried out on it.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+        tolerance: counts by which a position may differ from another that is to be the same.
+    """
+
+class Axis(Conduct):
+    """One motor.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
+        reverse: whether positive is the other way round.
+        limits: lowest and highest position that may be gone to, in units; None for no limit.
+        rpm: the speed of moves that name none.
+        acceleration: the acceleration of moves that name none, in rpm/s.
+        tolerance: counts of the drive by which a position may differ from another that is to be the same.
+
+    Raises:
+        LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
+    """
+    units_per_turn: float
+    reverse: bool
+    limits: tuple[float, float] | None
+    rpm: float
+    acceleration: float
+    def disable(self) -> Handle[None]:
+        """Let go of the shaft, once what is queued before it is done and the motor stands. It can then be turned."""
+        ...
+    def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target."""
+        ...
+    def emergency_stop(self) -> Handle[None]:
+        """Stop as fast as the drive can, see that it stands, and drop what is queued."""
+        ...
+    def enable(self) -> Handle[None]:
+        """Energise the motor, so that it holds its position and takes moves.
+
+        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
+        """
+        ...
+    def idle(self) -> bool:
+        """Whether nothing is queued and the motor stands."""
+        ...
+    def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go a distance: from the target of the last move if that was reached, else from where the axis stands.
+
+        It is sent as an absolute target, so that it happens once, however often it must be said. Arguments and errors
+        as for `move_to`.
+        """
+        ...
+    def move_to(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go to a position.
+
+        Args:
+            position: in the axis' units.
+            rpm: the speed, above 0.
+            acceleration: in rpm/s; infinity for a jump.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+            TypeError: one of them is no number; nothing is queued.
+        """
+        ...
+    def position(self) -> float:
+        """Where the axis is, in its units."""
+        ...
+    def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
+        """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
+
+        Args:
+            rpm: the speed; its sign is the direction, and 0 slows down to a stand.
+            acceleration: in rpm/s; infinity for a jump.
+            duration: seconds; None to go on until told otherwise.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+            TypeError: one of them is no number; nothing is queued.
+        """
+        ...
+    def set_zero(self) -> Handle[None]:
+        """Make the position at which the axis then stands its zero."""
+        ...
+    def stop(self) -> Handle[None]:
+        """Stop with the ramp of the running move, see that it stands, and drop what is queued.
+
+        It happens at once, whether the handle is awaited or not, and is repeated until it is confirmed; from the
+        second time on as an emergency stop.
+        """
+        ...
+    def velocity(self) -> float:
+        """How fast the motor turns, in rpm."""
+        ...
+    def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:
+        """Guard the axis by its drive's own watchdog while a block runs. As `Bus.watchdog`."""
+        ...
+
+class AxisGroup:
+    """Axes that move together, each by a name of its own.
+
+    Args:
+        axes: the axes. They may be of any families, and on several buses of one event loop.
+
+    Raises:
+        ValueError: there is none, one has two names, or a name is taken.
+        TypeError: something is no axis.
+    """
+    axes: Mapping[str, Axis]
+    def __init__(self, **axes: Axis) -> None:
+        ...
+    def disable(self) -> Everyone[None]:
+        """Let go of all shafts, as `Axis.disable`."""
+        ...
+    def emergency_stop(self) -> Everyone[None]:
+        """Stop all axes as fast as their drives can; see them stand, and drop what is queued."""
+        ...
+    def enable(self) -> Everyone[None]:
+        """Energise all motors, as `Axis.enable`."""
+        ...
+    def home(self) -> Everyone[float]:
+        """Find the origins of all axes, at once, each as its drive is set up for. All are waited for.
+
+        Raises:
+            NotSupported: one has no origin to find, as wheels have none: `set_zero()` it. Nothing is queued.
+        """
+        ...
+    def move_by(self, *, duration: float | None = None, rpm: float | None = None, **distances: float) -> GroupMove:
+        """Send axes a distance each. Arguments and errors as for `move_to`."""
+        ...
+    def move_to(self, *, duration: float | None = None, rpm: float | None = None, **positions: float) -> GroupMove:
+        """Send axes to positions: they start together and arrive together. Those that are not named stay out of it.
+
+        Each gets the speed and, where steps of that are too coarse, the ramp with which it takes as long as all; ramps
+        are never quicker than the axis' own `acceleration`. It is one command in the queue of each, and begins when all
+        have come to it.
+
+        Args:
+            duration: seconds; None for as long as the slowest needs at its own `rpm`, or at the one given. An axis with
+                so short a way that it cannot be so slow then arrives earlier.
+            rpm: the highest speed of any of them, above 0.
+            positions: where to go, by name, in the units of each axis.
+
+        Raises:
+            LimitExceeded: a position, a speed or the duration is out of what an axis can do; nothing is queued. What
+                duration an axis can do depends on where it starts: where that is not known yet, it is raised when the
+                move is awaited, and nothing has moved.
+            ValueError: a name is none of the group, or none is given.
+            TypeError: something is no number.
+        """
+        ...
+    def positions(self) -> dict[str, float]:
+        """Where each axis is, in its units."""
+        ...
+    def stop(self) -> Everyone[None]:
+        """Stop all axes, with their ramps; see them stand, and drop what is queued. It happens at once."""
+        ...
+
+class Both(Generic[T]):
+    """A command of both wheels, on its way. Awaiting it gives the result of the left and of the right one.
+
+    Args:
+        left: the left wheel's part.
+        right: the right wheel's part.
+    """
+    left: Handle[T]
+    right: Handle[T]
+    def cancel(self) -> None:
+        """End it: one that waits leaves the queues, one under way stops both wheels. It raises `MoveCancelled`."""
+        ...
+    def done(self) -> bool:
+        """Whether both have ended, well or not."""
+        ...
+    def wait(self, timeout: float | None = None) -> tuple[T, T]:
+        """Wait for its end, and return its result.
+
+        A terminal or a notebook shows how far it is. Ctrl-C stops the motors first, and is raised when they stand.
+
+        Args:
+            timeout: seconds; None for as long as it takes.
+
+        Raises:
+            RequestFailed, MotionError: why it failed.
+            TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
+        """
+        ...
+
+class Broadcast:
+    """Writes to every device on the pair. Nobody answers, so nobody knows who heard it.
+
+    Args:
+        bus: the bus.
+    """
+    def mask_write_register(self, address: int, and_mask: int = 65535, or_mask: int = 0, *, family: str | None = None) -> None:
+        """Set and clear bits of the register at `address` of every device, function 22, as `Unit` does.
+
+        As `write_register` otherwise.
+        """
+        ...
+    def write_coil(self, address: int, value: bool, *, family: str | None = None) -> None:
+        """Set or clear the coil at `address` of every device, function 05. As `write_register` otherwise."""
+        ...
+    def write_coils(self, address: int, values: Sequence[bool], *, family: str | None = None) -> None:
+        """Set or clear 1..1968 coils from `address` on, function 15. As `write_register` otherwise."""
+        ...
+    def write_register(self, address: int, value: int, *, family: str | None = None) -> None:
+        """Write `value` (0..65535) to the register at `address` of every device, function 06.
+
+        Returns when the turnaround after it is over. `family` names the family it is meant for ("MKS"), where devices
+        of several are attached.
+
+        Raises:
+            BroadcastConflict: a device of another family would act on it.
+        """
+        ...
+    def write_registers(self, address: int, values: Sequence[int], *, family: str | None = None) -> None:
+        """Write 1..123 `values` from `address` on, function 16. As `write_register` otherwise."""
+        ...
+
+class Bus:
+    """One RS-485 pair, for programs without `async`. Made by `open_bus`.
+
+    Any thread may call it. Ctrl-C stops its axes before it is raised in the main thread.
+    """
+    config: BusConfig
+    broadcast: Broadcast
+    stopped: list[Halted]
+    def mks(self, address: int, *, model: Model = ..., mode: WorkMode = ..., microsteps: int = 16, units_per_turn: float = 1.0, reverse: bool = False, positive: MotionDirection = ..., limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 1000.0, tolerance: int = 8) -> MksServo:
+        """The MKS SERVO drive at an address, 1..247. Settings and errors are those of `MksServo`.
+
+        Asked for again, with the same settings or without, it is the same one: a notebook's cell can be run twice.
+        """
+        ...
+    def tlr(self, address: int, *, pulses_per_turn: int | None = None, units_per_turn: float = 1.0, reverse: bool = False, limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 2000.0, start_rpm: int = 0, tolerance: int | None = None, clear_trigger: bool = True, block_writes: bool = True, keeps_target: bool = True, enabled_bit: bool = False, live_jog: bool = False, ramp_rpm: float | None = None) -> TlrStepper:
+        """The TL-R stepper at a station, 1..247. Settings and errors are those of `TlrStepper`. As `mks` otherwise."""
+        ...
+    def zlac(self, address: int, *, units_per_turn: float = 1.0, reverse: tuple[bool, bool] = ..., limits: tuple[float, float] | None = None, rpm: float = 60.0, acceleration: float = 120.0, max_rpm: float = 1000.0, tolerance: int = 16, encoder_lines: int | None = None, speed_resolution: int | None = None, status_word_left: Literal['low', 'high'] = 'low', ramp_rpm: float | None = None, smooth_stop: bool = False, scaled_position_speed: bool = False, zero_in_position_mode: bool = False) -> Zlac8015d:
+        """The ZLAC8015D at an address, 1..127, with its two wheels `left` and `right`. Settings and errors are those of
+        `Zlac8015d`. As `mks` otherwise.
+        """
+        ...
+    def group(self, **axes: Axis) -> AxisGroup:
+        """Axes that move together, each by a name of its own. Errors are those of `AxisGroup`."""
+        ...
+    def vehicle(self, zlac: Zlac8015d, wheel_radius: float, track: float, **settings: Any) -> DifferentialDrive:
+        """A vehicle on the two wheels of a ZLAC8015D. Arguments and errors are those of `DifferentialDrive`."""
+        ...
+    def close(self, *, leave_running: bool | None = None) -> None:
+        """Stop every axis that may move, see it stand, release the watchdogs, close the port. Ctrl-C waits for it.
+
+        Args:
+            leave_running: leave motors turning; None for what the configuration says.
+        """
+        ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+    def clear_emergency_stop(self) -> None:
+        """Allow motion again, once the report of the emergency stop is there. Each axis then needs `enable()`.
+
+        Raises:
+            BusError: the report is not there yet.
+        """
+        ...
+    @property
+    def closed(self) -> bool:
+        """Whether it was closed, for good."""
+        ...
+    @property
+    def closing(self) -> bool:
+        """Whether it is being closed, or is closed: nothing is set in motion any more."""
+        ...
+    @property
+    def connected(self) -> bool:
+        """Whether the port is there."""
+        ...
+    def drain(self) -> None:
+        """Wait until no axis has anything queued or moving."""
+        ...
+    def emergency_stop(self) -> Handle[EmergencyReport]:
+        """Stop every device as fast as it can, and let nothing move until `clear_emergency_stop()`.
+
+        It happens at once, from any task or signal handler, whether the handle is awaited or not. The report says
+        which devices were read to stand.
+        """
+        ...
+    def failures(self) -> list[Exception]:
+        """The failures that nobody has seen, each once."""
+        ...
+    @property
+    def flight(self) -> list[Record]:
+        """The flight recorder: the latest 256 transactions, the oldest first."""
+        ...
+    @property
+    def latched(self) -> bool:
+        """Whether an emergency stop holds."""
+        ...
+    def on_lost(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Have `callback` called whenever the port is lost. Returns a function that ends that."""
+        ...
+    @property
+    def port(self) -> str:
+        """What it was opened on, as people call it."""
+        ...
+    @property
+    def stats(self) -> BusStats:
+        """What happened on the bus since it was opened. Counts go on; copy what you want to keep."""
+        ...
+    def subscribe(self, observer: Callable[[Record], None]) -> Callable[[], None]:
+        """Have `observer` called with the record of each transaction. Returns a function that ends that.
+
+        It is called on the event loop, between two frames: it must be quick.
+        """
+        ...
+    def unit(self, address: int, *, reply_timeout: float | None = None, pause: float | None = None, probe: Register[Any] | Literal[False] | None = None, allow_reserved_address: bool = False) -> Unit:
+        """Plain Modbus to the device at `address` (1..247).
+
+        What is given holds for every request to it from now on, whoever sends it; what is not given stays as it was.
+
+        Args:
+            address: its address.
+            reply_timeout: seconds it may take to begin an answer, 0.001..10; at first what the bus is set to.
+            pause: seconds of quiet on the pair that it wants before a request, 0..1; at first what all get.
+            probe: a register that may be read at any time to see whether it answers; False where nothing may be read
+                unasked, because reading clears something, say.
+            allow_reserved_address: 248..255 may be its address, too. The specification reserves them; some devices can
+                be set to one.
+
+        Raises:
+            ValueError, TypeError: an argument out of its range, or of a wrong type.
+            WatchdogInfeasible: a guarded device could not be waited for as long as that while a watchdog is armed.
+        """
+        ...
+    def watchdog(self, *axes: Axis | Zlac8015d, timeout: float, lease: float | None = None) -> WatchdogGuard:
+        """Arm the watchdogs of some axes, and feed them while a block runs.
+
+        Args:
+            axes: what to guard; all that share a device are guarded with it.
+            timeout: seconds without a frame after which the device stops its motor by itself.
+            lease: seconds within which `renew()` must be called each time, lest the axes are stopped.
+
+        Returns:
+            An async context manager. Entering it raises `WatchdogInfeasible` if the devices cannot be fed in time,
+            and `WatchdogInUse` if another block guards one of them.
+
+        Raises:
+            ValueError: no axis was named.
+            NotSupported: a drive has no watchdog.
+            LimitExceeded: its register cannot hold the time.
+        """
+        ...
+
+class Handle(Generic[T]):
+    """A command on its way. It happens whether it is awaited or not.
+
+    Awaiting gives its result or raises why it failed; any number may await it, at any time, in any event loop.
+    Cancelling an await leaves the command alone.
+
+    Args:
+        what: names it in messages.
+        unseen: told of a failure, which those who await it have not seen yet.
+    """
+    what: str
+    seen: bool
+    def add_done_callback(self, callback: Callable[[Handle[Any]], object]) -> None:
+        """Have `callback` called with this handle when it ends, before anybody who awaits it goes on.
+
+        Where it has ended already, `callback` is called at once. An exception that `callback` raises is logged.
+        """
+        ...
+    def done(self) -> bool:
+        """Whether it has ended, well or not."""
+        ...
+    @property
+    def error(self) -> Exception | None:
+        """Why it failed, once it has."""
+        ...
+    def wait(self, timeout: float | None = None) -> T:
+        """Wait for its end, and return its result.
+
+        A terminal or a notebook shows how far it is. Ctrl-C stops the motors first, and is raised when they stand.
+
+        Args:
+            timeout: seconds; None for as long as it takes.
+
+        Raises:
+            RequestFailed, MotionError: why it failed.
+            TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
+        """
+        ...
+
+class Cancellable(Handle[T]):
+    """A command that can be ended.
+
+    `async with` waits for it at the end of the block, and ends it if the block is left by an exception.
+    """
+    def cancel(self) -> None:
+        """End it."""
+        ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+
+class DataFunctions:
+    """What reads and writes a device's data."""
+    address: int
+    highest: int
+    def mask_write_register(self, address: int, and_mask: int = 65535, or_mask: int = 0, **options: Unpack[RequestOptions]) -> None:
+        """Set the register at `address` to (its value AND `and_mask`) OR (`or_mask` AND NOT `and_mask`), function 22.
+
+        Doing it twice is doing it once, so `repeat=Repeat.SAFE` harms nobody who does not write the same register.
+        """
+        ...
+    def read_coils(self, address: int, count: int = 1, **options: Unpack[RequestOptions]) -> list[bool]:
+        """Read `count` (1..2000) coils from `address` (0..65535) on, function 01."""
+        ...
+    def read_discrete_inputs(self, address: int, count: int = 1, **options: Unpack[RequestOptions]) -> list[bool]:
+        """Read `count` (1..2000) discrete inputs from `address` (0..65535) on, function 02."""
+        ...
+    def read_fifo_queue(self, address: int, **options: Unpack[RequestOptions]) -> list[int]:
+        """Read the queue of up to 31 registers whose pointer is at `address`, function 24. It stays as it is."""
+        ...
+    def read_file_record(self, records: Sequence[tuple[int, int, int]], **options: Unpack[RequestOptions]) -> list[list[int]]:
+        """Read registers of files, function 20: a list for each of `records`.
+
+        Args:
+            records: file number (1..65535), first record (0..9999), how many registers; as many as fit a frame.
+            options: as for every request.
+        """
+        ...
+    def read_holding_registers(self, address: int, count: int = 1, **options: Unpack[RequestOptions]) -> list[int]:
+        """Read `count` (1..125) registers from `address` (0..65535) on, function 03."""
+        ...
+    def read_input_registers(self, address: int, count: int = 1, **options: Unpack[RequestOptions]) -> list[int]:
+        """Read `count` (1..125) input registers from `address` (0..65535) on, function 04."""
+        ...
+    def readwrite_registers(self, read_address: int, read_count: int, write_address: int, values: Sequence[int], **options: Unpack[RequestOptions]) -> list[int]:
+        """Write 1..121 `values` from `write_address` on, then read `read_count` (1..125) registers, function 23."""
+        ...
+    def write_coil(self, address: int, value: bool, **options: Unpack[RequestOptions]) -> None:
+        """Set or clear the coil at `address`, function 05. `repeat` as for `write_register`."""
+        ...
+    def write_coils(self, address: int, values: Sequence[bool], **options: Unpack[RequestOptions]) -> None:
+        """Set or clear 1..1968 coils from `address` on, function 15. `repeat` as for `write_register`."""
+        ...
+    def write_file_record(self, records: Sequence[tuple[int, int, Sequence[int]]], **options: Unpack[RequestOptions]) -> None:
+        """Write registers of files, function 21. `repeat` as for `write_register`.
+
+        Args:
+            records: file number (1..65535), first record (0..9999), the values; as many as fit a frame.
+            options: as for every request.
+        """
+        ...
+    def write_register(self, address: int, value: int, **options: Unpack[RequestOptions]) -> None:
+        """Write `value` (0..65535) to the register at `address`, function 06.
+
+        It is sent once, unless `repeat` says otherwise: SAFE repeats it blindly, VERIFY reads the register back first.
+        """
+        ...
+    def write_registers(self, address: int, values: Sequence[int], **options: Unpack[RequestOptions]) -> None:
+        """Write 1..123 `values` to the registers from `address` on, function 16. `repeat` as for `write_register`."""
+        ...
+
+class DiagnosticFunctions:
+    """What asks a device about itself. Where there are counters, they are numbers of 16 bits."""
+    address: int
+    highest: int
+    def diag_change_ascii_input_delimeter(self, delimiter: int = 10, **options: Unpack[RequestOptions]) -> None:
+        """Set the character (0..255) that ends a message in ASCII mode, subfunction 3."""
+        ...
+    def diag_clear_counters(self, **options: Unpack[RequestOptions]) -> None:
+        """Clear the counters and the diagnostic register, subfunction 10."""
+        ...
+    def diag_clear_overrun_counter(self, **options: Unpack[RequestOptions]) -> None:
+        """Clear the counter of overruns and its flag, subfunction 20."""
+        ...
+    def diag_force_listen_only(self, **options: Unpack[RequestOptions]) -> None:
+        """Make the device listen and answer nothing, this included, subfunction 4. It returns once it is sent."""
+        ...
+    def diag_get_comm_event_counter(self, **options: Unpack[RequestOptions]) -> EventCounter:
+        """Read how many messages the device has completed, function 11."""
+        ...
+    def diag_get_comm_event_log(self, **options: Unpack[RequestOptions]) -> EventLog:
+        """Read its counters and its latest 64 events, function 12."""
+        ...
+    def diag_getclear_modbus_response(self, data: int = 3, **options: Unpack[RequestOptions]) -> bytes:
+        """Read (`data` 3) or clear (4) the Modbus Plus statistics of a Modicon controller, subfunction 21."""
+        ...
+    def diag_query_data(self, msg: bytes, **options: Unpack[RequestOptions]) -> bytes:
+        """Have 1..250 bytes sent back, subfunction 0."""
+        ...
+    def diag_read_bus_char_overrun_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the messages that it has lost because characters came too fast, subfunction 18."""
+        ...
+    def diag_read_bus_comm_error_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the CRC errors that it has seen, subfunction 12."""
+        ...
+    def diag_read_bus_exception_error_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the exceptions that it has answered, subfunction 13."""
+        ...
+    def diag_read_bus_message_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the messages that the device has seen on the pair, subfunction 11."""
+        ...
+    def diag_read_device_busy_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the messages for which it was busy, subfunction 17."""
+        ...
+    def diag_read_device_message_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the messages that were for it, subfunction 14."""
+        ...
+    def diag_read_device_nak_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the messages that it has answered by a NAK, subfunction 16."""
+        ...
+    def diag_read_device_no_response_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the messages that it has not answered, subfunction 15."""
+        ...
+    def diag_read_diagnostic_register(self, **options: Unpack[RequestOptions]) -> int:
+        """Read the diagnostic register, subfunction 2."""
+        ...
+    def diag_read_iop_overrun_count(self, **options: Unpack[RequestOptions]) -> int:
+        """Count the overruns of the input/output processor of a Modicon 884, subfunction 19."""
+        ...
+    def diag_restart_communication(self, toggle: bool = False, **options: Unpack[RequestOptions]) -> None:
+        """Restart the device's port and clear its counters, subfunction 1; with `toggle` its event log, too.
+
+        It is the only way out of listen-only mode. A device in that mode does it without an answer, which is told as
+        `OutcomeUnknown`.
+        """
+        ...
+    def read_device_information(self, read_code: int = ..., object_id: int = 0, **options: Unpack[RequestOptions]) -> DeviceInformation:
+        """Read the identification, function 43 type 14, with as many requests as it takes.
+
+        Args:
+            read_code: 1 the basic objects, 2 the regular ones, 3 all, 4 the one named.
+            object_id: where to begin, 0..255.
+            options: as for every request; `timeout` is for all of them.
+        """
+        ...
+    def read_exception_status(self, **options: Unpack[RequestOptions]) -> int:
+        """Read the eight exception status outputs, function 07: one bit each."""
+        ...
+    def report_device_id(self, **options: Unpack[RequestOptions]) -> bytes:
+        """Read what the device says it is, function 17.
+
+        Server id, run indicator (0x00 off, 0xFF on) and more, as the device's manual says: the specification leaves
+        their lengths open.
+        """
+        ...
+
+class DifferentialDrive:
+    """Drives a vehicle and knows where it is.
+
+    x is ahead and y to the left of where it began, in metres; headings are radians, counter-clockwise. Positive speeds
+    of both wheels must take it ahead: `Zlac8015d(reverse=(False, True))` where the right one is mounted mirrored.
+
+    Args:
+        zlac: the drive and its wheels.
+        wheel_radius: metres.
+        track: metres between the wheels where they touch the ground.
+        acceleration: m/s² of a wheel; None for the wheels' own.
+    """
+    zlac: Zlac8015d
+    wheel_radius: float
+    track: float
+    def __init__(self, zlac: Zlac8015d, wheel_radius: float, track: float, *, acceleration: float | None = None) -> None:
+        ...
+    def drive(self, v: float, omega: float) -> Both[float]:
+        """Go ahead at `v` m/s and turn at `omega` rad/s, from now on. It replaces the speeds that were told before.
+
+        The handle is done once both wheels have their speed. The drive takes speeds in steps (`speed_resolution`); the
+        nearest ones are told.
+
+        Raises:
+            LimitExceeded: a wheel would have to turn too fast.
+            TypeError: a speed is no number.
+        """
+        ...
+    @property
+    def pose(self) -> Pose:
+        """Where it was at the last `update`."""
+        ...
+    def poses(self, every: float = 0.05) -> Stream[Pose]:
+        """Where it is, about every so many seconds."""
+        ...
+    def reset(self, pose: Pose | None = None) -> None:
+        """Say where it is; None for the origin. Counting goes on from the present counts."""
+        ...
+    def stop(self) -> Handle[None]:
+        """Stop with the ramp, and see both wheels stand."""
+        ...
+    def update(self) -> Pose:
+        """Read both counters and say where that puts it.
+
+        Between two updates it is taken to go an arc: update often while it turns, ten times a second, say.
+
+        Raises:
+            ReferenceLost: a counter jumped further than its wheel can have turned: the drive may have restarted.
+                `reset` says where the vehicle is.
+        """
+        ...
+
+class Everyone(Generic[T]):
+    """One command of each axis of a group. Awaiting it gives what comes of each, by name.
+
+    Args:
+        parts: the commands, by name.
+    """
+    parts: Mapping[str, Handle[T]]
+    def done(self) -> bool:
+        """Whether all have ended, well or not."""
+        ...
+    def wait(self, timeout: float | None = None) -> dict[str, T]:
+        """Wait for its end, and return its result.
+
+        A terminal or a notebook shows how far it is. Ctrl-C stops the motors first, and is raised when they stand.
+
+        Args:
+            timeout: seconds; None for as long as it takes.
+
+        Raises:
+            RequestFailed, MotionError: why it failed.
+            TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
+        """
+        ...
+
+class GroupMove(Cancellable[dict[str, float]]):
+    """A move of several axes. Awaiting it gives the position that each has reached, by name, in its units.
+
+    Where one of them fails, faults, stops answering or is stopped, all others are stopped before anybody is told. It
+    raises what the one has failed of, with its name; those that were stopped raise `MoveCancelled`.
+
+    `async with` waits for it at the end of the block, and stops all its axes if the block is left by an exception.
+    """
+    def cancel(self) -> None:
+        """End it: what waits leaves the queues, what is under way is stopped. It raises `MoveCancelled`."""
+        ...
+    eta: float | None
+    @property
+    def moves(self) -> Mapping[str, Move]:
+        """The part of each axis, by name."""
+        ...
+    seen: bool
+    @property
+    def skew(self) -> float | None:
+        """Seconds between the first and the last frame that started one of them; None before all have started."""
+        ...
+    def wait(self, timeout: float | None = None) -> dict[str, float]:
+        """Wait for its end, and return its result.
+
+        A terminal or a notebook shows how far it is. Ctrl-C stops the motors first, and is raised when they stand.
+
+        Args:
+            timeout: seconds; None for as long as it takes.
+
+        Raises:
+            RequestFailed, MotionError: why it failed.
+            TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
+        """
+        ...
+
+class HubMotor(Axis):
+    """One motor, as `ZlacWheel` without its commands.
+
+    Args:
+        modes: what it shares with the other motor.
+        set_up: sets the drive up.
+        side: which one it is.
+    """
+    other: HubMotor
+    side: Side
+    zeroings: int
+    counts_per_turn: float
+    @property
+    def attached_mode(self) -> ControlMode | None:
+        """The mode the drive is in, if that is known."""
+        ...
+    def check_faults(self, seen: Snapshot) -> None:
+        """Stop both wheels for an error of either. Raises `DriveFault`."""
+        ...
+    def disabled(self) -> None:
+        """The drive was stopped so that it is enabled no more."""
+        ...
+    def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
+        ...
+    @property
+    def enabled(self) -> bool:
+        """Whether it is enabled, as far as is known."""
+        ...
+    def idle(self) -> bool:
+        """Whether nothing is queued and the wheel stands."""
+        ...
+    def restarted(self) -> None:
+        """The drive was seen to have restarted."""
+        ...
+    def stopped(self) -> None:
+        """The drive is stopped."""
+        ...
+    def velocity(self) -> float:
+        """How fast the wheel turns, in rpm, in steps of 0.1. Some firmware reports it in velocity mode only."""
+        ...
+
+class Table(Generic[T]):
+    """Entries that are set (`table[3] = entry`) and asked for (`await table[3]`) by index.
+
+    Args:
+        drive: whose they are.
+        entries: where they are kept.
+        values: what is written for an entry.
+        typed: the entry that was read.
+    """
+    def __getitem__(self, index: int) -> T:
+        """Ask the drive for an entry."""
+        ...
+    def __len__(self) -> int:
+        ...
+    def set(self, index: int, entry: T) -> Handle[None]:
+        """Write an entry once what is queued before is done, and read it back.
+
+        Raises:
+            IndexError: there is none of that number.
+            LimitExceeded: a value is out of its range; nothing is queued.
+        """
+        ...
+
+class Inputs(Table[DiFunction]):
+    """What the inputs do: `inputs[3] = DiFunction.STOP`.
+
+    Where an input may set the motor in motion, its position may change without a command: that is no reason then to
+    distrust it, as long as the drive has not restarted.
+    """
+    def assign(self, *functions: DiFunction) -> Handle[None]:
+        """Give all inputs their functions, from DI0 on; `PATHS_BY_INPUTS`, say. What is left out does nothing."""
+        ...
+    def set(self, index: int, entry: DiFunction) -> Handle[None]:
+        """Give an input a function, and read that back. Raises as `Table.set`."""
+        ...
+    def set_filter(self, coefficient: int) -> Handle[None]:
+        """How much of bouncing is filtered out, of all inputs: 0..1024, 2 as shipped. Its unit is not said."""
+        ...
+    def set_polarity(self, index: int, *, normally_closed: bool) -> Handle[None]:
+        """Whether an input is active while its contact is open."""
+        ...
+    def states(self) -> tuple[bool, ...]:
+        """Which are on."""
+        ...
+
+class MksDrive(Axis):
+    """One drive, as `MksServo` without what it can be asked, set to and told but to move."""
+    address: int
+    model: Model
+    mode: WorkMode
+    microsteps: int
+    positive: MotionDirection
+    counts_per_turn: float
+
+class Retargeting(Axis):
+    """An axis whose absolute moves can be changed while they are under way."""
+    def retarget(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Handle[None]:
+        """Change target, speed and acceleration of the `move_to` or `move_by` under way, without a stop.
+
+        The move keeps its handle, and is done where it goes now. The handle returned is done once the drive took the
+        change. Arguments as for `move_to`.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is sent.
+            MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
+        """
+        ...
+
+class MksMoves(MksDrive, Retargeting):
+    """Moves in the drive's own units, and changes of a move under way.
+
+    Pulses are 200 times the microsteps a turn, counts 0x4000 a turn; both have the sign of positions. Whether the drive
+    counts pulses and coordinates in the same direction only hardware tells: where it does not, such a move ends as
+    `ReferenceLost` or `MoveFailed`.
+    """
+    def move_by_counts(self, counts: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go so many counts, by a relative command (9.3). As `move_by_pulses`, for -2147483648..2147483647 counts.
+
+        It also goes where `move_to` and `move_by` cannot: beyond the 32 bits of an absolute target.
+        """
+        ...
+    def move_by_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go so many pulses, by a relative command (9.1). `move_by` is safer: it can be said twice.
+
+        Where its answer is lost, it is said again only if status and position show that it was not taken. A move too
+        short to tell (`tolerance`) raises `OutcomeUnknown` then, and the axis moves only after `enable()`.
+
+        Args:
+            pulses: -4294967295..4294967295, not 0.
+            rpm: the speed, above 0.
+            acceleration: in rpm/s; infinity for a jump.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+        """
+        ...
+    def move_to_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go to a position counted in pulses from zero (9.2): -2147483648..2147483647. Else as `move_to`."""
+        ...
+
+class MksOrigin(MksDrive):
+    """Homing."""
+    def home(self, homing: Homing | None = None, *, timeout: float = 60.0) -> Move:
+        """Find the origin, and make it zero (5.1).
+
+        Args:
+            homing: `SwitchHoming`, `StopHoming` or `SingleTurnHoming`; None for what the drive is set up for.
+            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
+
+        Raises:
+            LimitExceeded: a value is out of its range; nothing is queued.
+            TypeError: one is of a wrong type; nothing is queued.
+        """
+        ...
+    def return_to_zero(self, *, timeout: float = 60.0) -> Move:
+        """Go straight to the coordinate zero, at the drive's own speed (5.2). The motor must be enabled.
+
+        Args:
+            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
+        """
+        ...
+
+class MksQuestions(MksDrive):
+    """The reads of a drive. Each raises `NoReply`, or `NotSent` and what is derived from it."""
+    def angle_error(self) -> float:
+        """By how much the shaft differs from where it should be, in degrees (3.1.5)."""
+        ...
+    def counts(self) -> int:
+        """The coordinate: 48 bits, 0x4000 counts a turn (3.1.2). `position` is this in the axis' units."""
+        ...
+    def enabled(self) -> bool:
+        """Whether the motor is energised (3.1.6)."""
+        ...
+    def encoder(self) -> Encoder:
+        """The encoder as carry and value (3.1.1)."""
+        ...
+    def homed(self) -> Homings:
+        """How the homings stand (3.1.7)."""
+        ...
+    def inputs(self) -> Inputs2:
+        """The levels of the ports (4.1). With remapped limits IN_1 is En and IN_2 is Dir."""
+        ...
+    def pulses(self) -> int:
+        """The pulses received, 200 times the microsteps a turn, as 32 bits without a sign (3.1.4)."""
+        ...
+    def running(self) -> Status:
+        """What the motor does (7.2.1). Some drives have been seen stuck at "slowing down" while they stand."""
+        ...
+    def stalled(self) -> bool:
+        """Whether the drive has noticed a stall (3.4.3)."""
+        ...
+    def status(self) -> MksStatus:
+        """All that tells how the drive is."""
+        ...
+    def version(self) -> int:
+        """The version of the firmware, 32 bits of which the manual gives no layout (3.1.8)."""
+        ...
+
+class MksSetup(MksDrive):
+    """Settings. Each joins the queue and returns a handle, is kept by the drive when it is switched off, and wears its
+    flash (see `Cost`); `set_current(..., save=False)` is the exception.
+
+    Every method raises `LimitExceeded` for a value out of its range, before anything is queued. The handle raises
+    `NotStanding` where the motor turns and must not, and what a request can end in (`DeviceRefused`, `NoReply`, ...).
+    """
+    def set_close_gains(self, gains: Gains) -> Handle[None]:
+        """The gains in the CLOSE modes, each 0..1024 (3.3.2). The motor must stand."""
+        ...
+    def set_current(self, milliamperes: int, *, save: bool = True) -> Handle[None]:
+        """The working current: 0..3000 mA, of a 57D 0..5200 mA (3.2.3).
+
+        Args:
+            milliamperes: the current.
+            save: whether the drive keeps it. Without, it holds until a restart and spares the flash.
+        """
+        ...
+    def set_enable_level(self, level: EnableLevel) -> Handle[None]:
+        """When the En input enables the motor (3.2.6). In the SR modes `enable` does (7.2.2)."""
+        ...
+    def set_holding_current(self, part: HoldingCurrent) -> Handle[None]:
+        """The current at a standstill: 10 to 90 % of the working current (3.2.4)."""
+        ...
+    def set_homing(self, homing: Homing) -> Handle[None]:
+        """What `home()` will do (5.3.2, 5.3.3, 5.3.4). The motor must stand. Limits count from the next homing on.
+
+        `SingleTurnHoming` may take 1.6 s, and is refused while a watchdog on the bus is armed.
+        """
+        ...
+    def set_interpolation(self, on: bool) -> Handle[None]:
+        """Whether the drive interpolates to 256 microsteps inside (3.2.9)."""
+        ...
+    def set_key_lock(self, on: bool) -> Handle[None]:
+        """Whether its keys are locked (3.2.13)."""
+        ...
+    def set_limit_remap(self, on: bool) -> Handle[None]:
+        """Whether the limit switches are on En and Dir instead of IN_1 and IN_2 (5.3.1). The motor must stand.
+
+        Without, only a 57D has a right limit (1.2). Limits count from the next homing on.
+        """
+        ...
+    def set_microsteps(self, microsteps: int) -> Handle[None]:
+        """Microsteps to a full step: 1..255 (3.2.5). The motor must stand. Moves behind it reckon with them."""
+        ...
+    def set_mode(self, mode: WorkMode) -> Handle[None]:
+        """Who commands the motor, and how it is driven (3.2.2). The motor must stand. The bus moves the SR modes."""
+        ...
+    def set_overcurrent_protection(self, on: bool) -> Handle[None]:
+        """Whether too much current lets go of the shaft (3.4.1). Without, a stalled motor goes on pushing."""
+        ...
+    def set_position_protection(self, protection: PositionProtection) -> Handle[None]:
+        """Whether a position error lets go of the shaft: 0..2.34 turns for 0..983.025 s (3.4.2)."""
+        ...
+    def set_pulse_direction(self, direction: ParameterDirection) -> Handle[None]:
+        """Which way pulses turn the motor (3.2.7). It has no meaning for moves over the bus."""
+        ...
+    def set_pulse_divider(self, divider: PulseDivider) -> Handle[None]:
+        """Toggle OUT_2 every 100..4294967295 pulses; less turns it off (4.3). 57D only, or raises `NotSupported`."""
+        ...
+    def set_screen_off(self, on: bool) -> Handle[None]:
+        """Whether the screen goes dark by itself (3.2.8)."""
+        ...
+    def set_vfoc_gains(self, gains: Gains) -> Handle[None]:
+        """The gains in the vFOC modes, each 0..1024 (3.3.1). The motor must stand."""
+        ...
+    def write_profile(self, profile: MksProfile) -> Handle[MksProfile]:
+        """Write all settings of a profile, in its order. The handle gives what the drive has acknowledged so far.
+
+        It fails with the first setting that is not acknowledged; `profile.differences(axis.acknowledged)` tells then
+        what is missing.
+        """
+        ...
+
+class MksService(MksSetup):
+    """Outputs, stalls, restarts, silence, and what the drive does at power-on."""
+    def calibrate(self, *, timeout: float = 60.0) -> Handle[None]:
+        """Calibrate the encoder (3.2.1). The shaft must be free: it turns by itself, and the drive restarts.
+
+        Whether it succeeded cannot be read; the screen tells (`alarms.AFTER_CALIBRATION`). Then `enable` and home.
+
+        Args:
+            timeout: seconds after which a drive that has not come back makes the handle raise `MotionError`.
+        """
+        ...
+    def enter_boot(self) -> Handle[None]:
+        """Restart the drive into its boot mode, where it waits for firmware (3.6). It answers no Modbus from then on.
+
+        The motor must stand; `silence` all other drives first. Switched off and on, it works as before.
+        """
+        ...
+    def factory_reset(self, *, timeout: float = 10.0) -> Handle[None]:
+        """Make all settings those of the factory, and restart (3.5.1). As `restart` otherwise.
+
+        Do it with no other drive on the pair: whether address and baud rate are reset, too, only hardware tells, and
+        then it answers at address 1 and 38400 bit/s. Work mode and microsteps are written again before it moves.
+        """
+        ...
+    def release_stall(self) -> Handle[None]:
+        """End the state of a stall (3.4.4). The motor then holds again where the drive says `enabled`."""
+        ...
+    def restart(self, *, timeout: float = 10.0) -> Handle[None]:
+        """Start the drive anew (3.5.2). It counts from zero then: `enable`, and `home` or `set_zero`. As `calibrate`
+        otherwise.
+        """
+        ...
+    def set_heartbeat(self, seconds: float) -> Handle[None]:
+        """The time after which the drive stops its motor where it hears nothing: 0 (off) to 4294967.295 s (3.2.14).
+
+        `watchdog` sets it and keeps it fed; where it is set like this, nobody feeds it.
+
+        Raises:
+            LimitExceeded: out of range; nothing is queued.
+        """
+        ...
+    def set_outputs(self, *, out_1: bool | OutputMask = ..., out_2: bool | OutputMask = ...) -> Handle[None]:
+        """Set the outputs of a 57D (4.2). They fall back at power-off.
+
+        Args:
+            out_1: its level, or what else is done with it. The manual has two ways not to write one, `LEAVE` (the
+                default there, too) and `HOLD`; whether they differ only hardware tells.
+            out_2: the same.
+
+        Raises:
+            NotSupported: another drive than a 57D; nothing is queued.
+        """
+        ...
+    def set_power_on_run(self, on: bool, *, while_running: bool = False) -> Handle[None]:
+        """Whether the drive runs by itself when it is switched on, as its last speed command said (8.3).
+
+        **It will then turn without anybody telling it to.** The motor must stand: `run`, `stop`, then this. Whether a
+        drive still knows its last speed command then only hardware tells; try it with a free shaft.
+
+        Args:
+            on: whether it does.
+            while_running: send it while the motor turns, as 8.5 logs it; the motor then slows down and stops.
+        """
+        ...
+    def silence(self) -> Handle[None]:
+        """Have the drive answer nothing, so that another one's firmware can be loaded, until `wake` (3.6).
+
+        The motor must stand. The drive cannot be stopped over the bus meanwhile.
+        """
+        ...
+    def wake(self) -> Handle[None]:
+        """Have a silent drive answer again (3.6), also one that some other program silenced."""
+        ...
+
+class MksServo(MksMoves, MksOrigin, MksService, MksQuestions):
+    """An MKS SERVO drive and its motor.
+
+    A drive that restarts counts from zero where it then stands, and says nothing of it. It is noticed by a jump of the
+    position, by the enabling, and at zero by the homing status. What stands at zero and was not homed since it was
+    switched on, but set to zero, shows no difference: `home()` where a restart must not go unnoticed.
+
+    Args:
+        bus: the bus it is on.
+        address: 1..247.
+        model: which drive; it limits the current, and only a 57D has outputs.
+        mode: the work mode it is set to. It cannot be read; `set_mode` sets it. The bus moves it in the SR modes only.
+        microsteps: what it is set to, 1..255. At others than 16, 32 and 64 the drive takes speeds for something else
+            (7.1); that is compensated for.
+        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
+        reverse: whether positive is the other way round. Which way the shaft then turns is not promised.
+        positive: the direction of 0xF6 and 0xFD in which the position of 0x31 grows. The manual's text and its
+            examples disagree (3.1.1, 3.1.2); where `run` goes the other way than `move_to`, it is
+            `MotionDirection.CW`.
+        limits: lowest and highest position that may be gone to, in units.
+        rpm: the speed of moves that name none.
+        acceleration: the acceleration of moves that name none: 78.4..20000 rpm/s.
+        tolerance: counts (1/16384 turn) by which a position may differ from its target.
+
+    Raises:
+        AddressInUse: there is a facade for this address already.
+        LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
+    """
+    def __init__(self, bus: Bus, address: int, *, model: Model = ..., mode: WorkMode = ..., microsteps: int = 16, units_per_turn: float = 1.0, reverse: bool = False, positive: MotionDirection = ..., limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 1000.0, tolerance: int = 8) -> None:
+        ...
+
+class Move(Cancellable[float]):
+    """A move that was asked for. Awaiting it gives the position reached, in the axis' units.
+
+    `async with move:` waits for it at the end of the block, and stops the axis if the block is left by an exception.
+
+    Args:
+        what: names it in messages.
+        target: where it goes, in the axis' units; None where it goes on or the drive decides.
+        position: asks the axis where it is.
+        cancel: stops the axis on behalf of this move.
+        unseen: told of its failure, as a `Handle` is.
+    """
+    target: float | None
+    state: MoveState
+    rpm: float | None
+    acceleration: float | None
+    started_at: float | None
+    eta: float | None
+    def cancel(self) -> None:
+        """End the move: one that waits leaves the queue, one under way stops the axis. It raises `MoveCancelled`."""
+        ...
+    def positions(self, every: float = 0.1) -> Stream[float]:
+        """Where the axis is, about every so many seconds until the move has ended; last, where it ended.
+
+        Raises:
+            MotionError: what the move raises.
+        """
+        ...
+
+class Outputs(Table[DoFunction]):
+    """What the outputs tell: `outputs[1] = DoFunction.IN_POSITION`."""
+    def force(self, which: int, on: bool) -> Handle[None]:
+        """Switch the output whose function is `DoFunction.FORCED_1`, 2 or 3."""
+        ...
+    def set_polarity(self, index: int, *, normally_closed: bool) -> Handle[None]:
+        """Whether an output is open while it tells something."""
+        ...
+    def states(self) -> tuple[bool, ...]:
+        """Which are on."""
+        ...
+
+class Paths(Table[Path]):
+    """The 16 paths.
+
+    Args:
+        drive: whose they are.
+        to_counts: from units of the axis to pulses.
+        to_units: and back.
+    """
+    def set_mode(self, mode: PathMode) -> Handle[None]:
+        """Whether their targets are distances, as shipped, or positions (3.2.2)."""
+        ...
+    def set_trigger(self, trigger: PathTrigger) -> Handle[None]:
+        """Whether a trigger interrupts a positioning under way, as shipped, or is ignored (3.2.2)."""
+        ...
+
+class SpeedPaths(Table[SpeedPath]):
+    """The 16 speed paths.
+
+    Args:
+        drive: whose they are.
+        sign: 1, or -1 where the axis counts the other way round.
+    """
+
+class TlrKnowledge(Retargeting):
+    """One drive, as it is asked. Arguments as for `TlrStepper`."""
+    address: int
+    keeps_target: bool
+    enabled_bit: bool
+    counts_per_turn: float
+    def put_setting(self, where: Register[Any] | Block, *values: Any, again: bool = False) -> Handle[None]:
+        """Queue the writing of a setting, and its reading back. `again`: what was known at set-up changes by it."""
+        ...
+    def report(self, urgency: Urgency = ...) -> Report:
+        """All that the drive reports, of one moment."""
+        ...
+    def set_up(self) -> None:
+        """Know what must be known before anything else."""
+        ...
+    def setting(self, what: str, carry_out: Callable[[], T]) -> Handle[T]:
+        """Queue a command that is no move, for when the drive is set up."""
+        ...
+
+class TlrDrive(TlrKnowledge):
+    """One drive, as `TlrStepper` without its settings, tables and homing."""
+    live_jog: bool
+    start_rpm: float
+
+class TlrHoming(TlrDrive):
+    """A drive that finds its origin."""
+    def home(self, homing: Homing2 | None = None, *, timeout: float = 60.0) -> Move:
+        """Find the origin. Positions can be trusted then, and soft limits count.
+
+        The handle gives the position reached: 0, unless there is an offset.
+
+        Args:
+            homing: how; None for what the drive is set to.
+            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
+
+        Raises:
+            LimitExceeded: a value is out of its range; nothing is queued.
+            TypeError: one is of a wrong type; nothing is queued.
+        """
+        ...
+
+class TlrSettings(TlrDrive):
+    """A drive that is set up."""
+    def factory_reset(self) -> Handle[None]:
+        """Set everything as it was shipped, the station and the baud rate too.
+
+        The axis then needs `enable()`, and `home()` or `set_zero()`. Raises `OutcomeUnknown` if the answer is lost.
+        """
+        ...
+    def read(self, register: Register[T]) -> T:
+        """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`."""
+        ...
+    def save(self) -> Handle[None]:
+        """Have the drive keep what it is set to when it is switched off."""
+        ...
+    def set_baudrate(self, baudrate: BaudRate) -> Handle[None]:
+        """Its baud rate while SW5 is on. When it counts is not said, as for `set_station`; open the bus at it then."""
+        ...
+    def set_direction(self, *, reverse: bool) -> Handle[None]:
+        """Which way the shaft turns. Positions then mean something else: home the axis, or set its zero."""
+        ...
+    def set_limit_stop(self, how: LimitStop) -> Handle[None]:
+        """What a limit switch does to the motor."""
+        ...
+    def set_operating_mode(self, mode: OperatingMode) -> Handle[None]:
+        """Whether its loop is closed. It counts after `save()` and a power cycle; TLO drives have no encoder."""
+        ...
+    def set_serial_format(self, serial_format: SerialFormat) -> Handle[None]:
+        """Its parity and stop bits. When they count is not said, as for `set_station`; open the bus with them then."""
+        ...
+    def set_soft_limits(self, low: float | None = None, high: float | None = None) -> Handle[None]:
+        """Let the drive itself stop at two positions, in units of the axis; without them it does so no more.
+
+        They count only once the drive was homed since it was switched on (3.5.3).
+        """
+        ...
+    def set_station(self, unit: int) -> Handle[None]:
+        """Its address while SW1 to SW4 are off: 1..247 (the manual has 0 to 254; Modbus ends at 247).
+
+        Whether it counts at once or after `save()` and a power cycle is not said. Make a new `TlrStepper` for it then.
+        If the answer is lost, `OutcomeUnknown` is raised: ask for it at both addresses.
+        """
+        ...
+    def set_subdivision(self, pulses: int) -> Handle[None]:
+        """Pulses a turn: 400..51200. Positions then mean something else: home the axis, or set its zero."""
+        ...
+    def write(self, register: Register[T], value: T, *, manufacturer: bool = False) -> Handle[None]:
+        """Write any parameter that is kept, and read it back.
+
+        Args:
+            register: of `rs485bus.devices.tlr.registers`.
+            value: what it is to be.
+            manufacturer: write a parameter that the manufacturer has set for the motor (3.5.6).
+
+        Raises:
+            LimitExceeded: the value is out of its range; nothing is queued.
+            NotSupported: it is not to be written in this way; nothing is queued.
+        """
+        ...
+
+class TlrStepper(TlrHoming, TlrSettings):
+    """A TL-R integrated stepper: TLC (closed loop) and TLO (open loop) 42, 57, 60 and 86.
+
+    It has no watchdog, and does not notice when the host is gone: `watchdog()` raises `NotSupported`. Have a safety
+    relay cut its power that something else watches. So that it ends by itself, a `run` for a time is a positioning.
+
+    Whether its motor is held cannot be read reliably: it moves after `enable()` only, and after a restart only when
+    that was done again. A restart shows in that 0x33 to 0x38 do not hold any more what was written to them.
+
+    Args:
+        bus: the bus it is on, as shipped at 115200, no parity.
+        address: 1..247.
+        pulses_per_turn: None for its subdivision (0x23), which it is asked for.
+        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
+        reverse: whether positive is the other way round. Which way the shaft then turns is not promised.
+        limits: lowest and highest position that may be gone to, in units.
+        rpm: the speed of moves that name none: 1..3000.
+        acceleration: the acceleration of moves that name none, in rpm/s: at least half the speed in rpm, for ramps
+            take 2 s at most; infinity for a jump.
+        start_rpm: the speed at which moves begin: 0..3000.
+        tolerance: pulses by which a position may differ from its target; None for 1/500 turn.
+        clear_trigger: write 0 to the control word before what starts something. False saves a frame where the drive
+            starts at each write (the manual says of some bits that they need no reset, of others that they must rise).
+        block_writes: write what belongs together in one request. Some firmware keeps only a part of five registers or
+            more; that is noticed, and they are written singly from then on. False to do so from the beginning.
+        keeps_target: 0x33 to 0x38 hold what was written until the drive is switched off. False where a move uses them
+            up: then only a jump of its position shows that a drive has restarted.
+        enabled_bit: rely on status bit 4.
+        live_jog: a jog under way takes another speed. False to stop it before.
+        ramp_rpm: the speed that the times of ramps refer to; None for the speed of the move. The manual does not say.
+
+    Raises:
+        AddressInUse: there is a facade for this address already.
+        LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
+    """
+    start_rpm: float
+    live_jog: bool
+    ramp_rpm: float | None
+    paths: Paths
+    speed_paths: SpeedPaths
+    inputs: Inputs
+    outputs: Outputs
+    def __init__(self, bus: Bus, address: int, *, pulses_per_turn: int | None = None, units_per_turn: float = 1.0, reverse: bool = False, limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 2000.0, start_rpm: int = 0, tolerance: int | None = None, clear_trigger: bool = True, block_writes: bool = True, keeps_target: bool = True, enabled_bit: bool = False, live_jog: bool = False, ramp_rpm: float | None = None) -> None:
+        ...
+    def clear_alarm(self) -> Handle[None]:
+        """End an alarm whose cause is gone (3.6). The motor is held again after `enable()`.
+
+        Raises:
+            DriveFault: it is still there. It says what to do, and whether the drive must be switched off and on.
+        """
+        ...
+    def release(self) -> Handle[None]:
+        """Let go of the shaft, once what is queued before it is done and the motor stands. The same as `disable`."""
+        ...
+    def status(self) -> TlrStatus:
+        """What the drive reports."""
+        ...
+    def version(self) -> Version:
+        """What the drive runs. The two columns are swapped in 3.5.1; the names are taken."""
+        ...
+
+class Unit(DataFunctions, DiagnosticFunctions):
+    """One device, as plain Modbus: all public functions of the specification, with pymodbus' method names.
+
+    Every method takes, by keyword:
+
+    - `timeout`: how long it may take, in seconds, from the call to its end: what still waits then is not sent, what is
+      on the wire is not waited for any longer. 0 or less is over at once; None or infinity is no limit, but that for
+      the port, if it is gone, nobody waits longer than 30 s.
+    - `repeat`: whether it may be sent again when no reply comes: SAFE (what changes nothing), NEVER (what does), or
+      VERIFY (a read-back tells whether it happened).
+    - `urgency`: its place among the others, COMMAND unless it is said.
+    - `reply_timeout`: how long the device may take to begin its answer, in seconds (0.001..10).
+    - `pause`: how long the pair is quiet before the request, in seconds (0..1), where that is more than usual.
+
+    The latter two hold for all requests where they are given to `bus.unit`. What would take the pair for longer than
+    an armed watchdog allows is not sent.
+
+    Every method raises `DeviceRefused`, `NotSent` (and what is derived from it), `NoReply` or `OutcomeUnknown`; and,
+    before anything is sent, `ValueError` where an argument is out of its range and `TypeError` where it is of a wrong
+    type.
+    """
+    highest: int
+    address: int
+    @overload
+    def read(self, register: Register[T], *, gap: int = ..., combine: bool | None = ..., **options: Unpack[RequestOptions]) -> T:
+        ...
+    @overload
+    def read(self, first: Register[A], second: Register[B], *, gap: int = ..., combine: bool | None = ..., **options: Unpack[RequestOptions]) -> tuple[A, B]:
+        ...
+    @overload
+    def read(self, first: Register[A], second: Register[B], third: Register[C], *, gap: int = ..., combine: bool | None = ..., **options: Unpack[RequestOptions]) -> tuple[A, B, C]:
+        ...
+    @overload
+    def read(self, *registers: Register[Any], gap: int = ..., combine: bool | None = ..., **options: Unpack[RequestOptions]) -> tuple[Any, ...]:
+        ...
+    def request(self, function: int, data: bytes = ..., *, reply: Reply, writes: bool = True, **options: Unpack[RequestOptions]) -> bytes:
+        """Send a request by any function (1..127), a private one say; return the data of its answer.
+
+        Args:
+            function: the function code.
+            data: what follows it, without the CRC.
+            reply: how many bytes of data the answer has after the function code; or "counted" where its first byte
+                tells how many follow it, "echo" where it repeats the request, a function that tells the number from
+                the first bytes of the data (0 while it cannot be told yet), or None where nobody answers.
+            writes: False for what changes nothing in the device: that is repeated when it is lost.
+            options: as for every request.
+        """
+        ...
+    def write(self, register: Register[T], value: T, *, function: Literal[6, 16] | None = None, **options: Unpack[RequestOptions]) -> None:
+        """Write the typed value of a register, checked against its range. `repeat` as for `write_register`.
+
+        Args:
+            register: made like `Register("level", F32, "mm", 0, 500, address=40)`.
+            value: in the register's unit.
+            function: 16 where the device takes no other, 6 for one register; None for 6 where it is one.
+            options: as for every request.
+        """
+        ...
+
+class WatchdogGuard:
+    """An async context manager over the watchdogs of some devices. Made by `axis.watchdog` and `bus.watchdog`.
+
+    It may be entered again after it was left: each time it has its own lease and its own report, and restores what the
+    watchdogs were set to when it was entered.
+    """
+    timeout: float
+    def renew(self) -> None:
+        """The application is alive: the lease, if there is one, holds from now on.
+
+        Raises:
+            NotGuarding: the block was not entered, or was left.
+        """
+        ...
+    def report(self) -> list[WatchReport]:
+        """How each device has been fed so far, trips included; after the block, until it was left.
+
+        A device whose margin falls under a quarter is logged as a warning, too, once, by "rs485bus".
+        """
+        ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+
+class Zlac8015d:
+    """A ZLAC8015D drive and its two wheels, `left` and `right`.
+
+    Each wheel is an axis of its own; the drive's verbs command both at once. Commands queue for each wheel, and one of
+    the pair begins when both wheels have come to it.
+
+    Args:
+        bus: the bus it is on.
+        address: 1..127.
+        units_per_turn: positions are in units of this many to a turn of a wheel; 1 for turns.
+        reverse: for the left and the right wheel, whether positive is the other way round. On most vehicles one wheel
+            is mounted mirrored.
+        limits: lowest and highest position that a wheel may go to, in units.
+        rpm: the speed of moves that name none.
+        acceleration: the acceleration of moves that name none, in rpm/s.
+        max_rpm: the highest speed, in rpm. What the drive is set to (0x2008) may lower it; 3000 is the end.
+        tolerance: counts by which a position may differ from its target.
+        encoder_lines: what the motors have. Another value in the drive is reported; None to trust the drive.
+        speed_resolution: steps to one rpm, 1..10, that the drive is set to (0x2022); None to leave it as it is.
+        status_word_left: which half of the status word is the left wheel's. The manual says the low one, users the
+            high one. Nothing that concerns safety depends on it.
+        ramp_rpm: the change of speed, in rpm, that takes a ramp time. The manual does not say; None for any change.
+        smooth_stop: stop positions and torques by a change to velocity mode with target 0, with the ramp. The manual
+            does not say whether wheels that turn obey that; without, they are stopped by the emergency stop's ramp.
+        scaled_position_speed: whether 0x2022 scales the speed of positions, too. The manual does not say; where it
+            does and this is False, they are too slow.
+        zero_in_position_mode: set zero in position mode, as the text of 0x2005 may mean, instead of velocity mode.
+
+    Raises:
+        AddressInUse: there is a facade for this address already.
+        LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
+    """
+    bus: Bus
+    address: int
+    left: ZlacWheel
+    right: ZlacWheel
+    name: str
+    def __init__(self, bus: Bus, address: int, *, units_per_turn: float = 1.0, reverse: tuple[bool, bool] = ..., limits: tuple[float, float] | None = None, rpm: float = 60.0, acceleration: float = 120.0, max_rpm: float = 1000.0, tolerance: int = 16, encoder_lines: int | None = None, speed_resolution: int | None = None, status_word_left: Literal['low', 'high'] = 'low', ramp_rpm: float | None = None, smooth_stop: bool = False, scaled_position_speed: bool = False, zero_in_position_mode: bool = False) -> None:
+        ...
+    def clear_faults(self) -> Both[None]:
+        """Clear the errors of both wheels. They are released then: `enable()`.
+
+        Raises, when awaited:
+            DriveFault: what caused them is still there.
+        """
+        ...
+    def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target, of either wheel."""
+        ...
+    def emergency_stop(self) -> Handle[None]:
+        """Stop both wheels as fast as the drive can, see them stand, and drop what is queued. Then `enable()`."""
+        ...
+    def enable(self) -> Both[None]:
+        """Hold both wheels, so that they take commands. Nothing that they were told before goes on.
+
+        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
+        """
+        ...
+    def move_by(self, left: float, right: float, *, rpm: float | None = None, acceleration: float | None = None) -> Both[float]:
+        """Send both wheels a way, started by one frame. Arguments and errors as for an axis."""
+        ...
+    def move_to(self, left: float, right: float, *, rpm: float | None = None, acceleration: float | None = None) -> Both[float]:
+        """Send both wheels to positions, started by one frame. Arguments and errors as for an axis."""
+        ...
+    def parameter(self, register: Register[T]) -> T:
+        """What one of `registers` holds."""
+        ...
+    def parameters(self, side: Side) -> dict[str, float]:
+        """All parameters of one motor, by name, in their units."""
+        ...
+    def release(self) -> Both[None]:
+        """Let go of both wheels, once what is queued is done and they stand. They can be turned then, and roll away."""
+        ...
+    def run(self, left: float, right: float, *, acceleration: float | None = None, duration: float | None = None, replace: bool = False) -> Both[float]:
+        """Turn both wheels at speeds, in rpm, told by one frame. Arguments and errors as for an axis.
+
+        Args:
+            left: the left wheel's speed.
+            right: the right wheel's speed.
+            acceleration: rpm/s.
+            duration: seconds; None to go on until told otherwise.
+            replace: do not wait until the pair has the speeds told before. Such a run ends as done; one that has not
+                begun is cancelled.
+        """
+        ...
+    def set_brakes(self, left: Brake, right: Brake) -> Both[None]:
+        """Open or close the external brakes, once both wheels stand (3.6). The drive saves it in its EEPROM: a brake
+        that works with every stop is better wired to an output (0x201C, 0x201D).
+        """
+        ...
+    def set_parameter(self, register: Register[T], value: T, *, save: bool = False) -> Both[None]:
+        """Set one of `registers`, once both wheels stand.
+
+        Args:
+            register: what to set.
+            value: in the register's unit.
+            save: whether the drive keeps it when it is switched off. It then goes to the EEPROM, which takes some
+                hundred thousand writes in all.
+
+        Raises:
+            LimitExceeded: the value is out of its range.
+            NotSupported: the facade sets it itself, or it changes who answers: then `bus.unit()` writes it.
+        """
+        ...
+    def set_up(self) -> ZlacSetup:
+        """Set the drive up now instead of before the first command, and say what was found."""
+        ...
+    def set_zero(self) -> Both[None]:
+        """Make the positions at which both wheels then stand their zeros."""
+        ...
+    def snapshot(self) -> Snapshot:
+        """Counts, speeds, torques, errors and status word of both wheels at one moment, in the drive's own terms."""
+        ...
+    @property
+    def speed_resolution(self) -> int:
+        """Steps to one rpm (0x2022), as far as is known: 1 before it was set up."""
+        ...
+    def status(self) -> ZlacStatus:
+        """What the drive reports. The wheels are of one moment."""
+        ...
+    def stop(self) -> Handle[None]:
+        """Stop both wheels, with the ramp where they run at speeds; see them stand, and drop what is queued."""
+        ...
+    def torque(self, left: int, right: int, *, slope: int | None = None) -> Both[float]:
+        """Push with both wheels, in mA, told by one frame. Arguments and errors as for a wheel."""
+        ...
+    def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:
+        """Guard both wheels by the drive's own watchdog while a block runs. As `Bus.watchdog`."""
+        ...
+
+class ZlacWheel(HubMotor):
+    """One wheel. Made by `Zlac8015d`, as its `left` and its `right`.
+
+    A `move_by` beyond what an absolute target may be (0x3FFFFFFF counts either way) is sent as a distance, which may be
+    0x7FFFFFFF counts long.
+
+    What it cannot do alone, because the drive cannot: `enable()`, `disable()` and every stop out of position or torque
+    mode concern the other wheel, too; and while the other one keeps a speed or a torque, this one can do only the same.
+    The drive does not time a `run`: the end of its duration is told when it has come, so that the wheel goes on turning
+    if this program ends before, unless a watchdog guards it.
+    """
+    def torque(self, milliamperes: int, *, slope: int | None = None) -> Move:
+        """Push with a torque, given as a current, until told otherwise. Done once the drive was told.
+
+        Only the load limits the speed then, and 0 lets the wheel roll. `stop()` stops it.
+
+        Args:
+            milliamperes: -30000..30000.
+            slope: 0..65535 mA/s with which it is reached; None for what the drive is set to.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+        """
+        ...

@@ -1,0 +1,109 @@
+"""What a blocking bus is inside: opened once, stopped by Ctrl-C, closed once, however the program ends."""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import contextlib
+import os
+import warnings
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+from rs485bus.blocking.block import Block
+from rs485bus.blocking.interrupts import interrupts
+from rs485bus.blocking.loop import Call, shared_loop
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle
+from rs485bus.bus.opening import Opening
+from rs485bus.errors import BusError
+
+
+class Opened:
+    """A bus that was opened in the loop's thread.
+
+    Args:
+        opening: opens it.
+
+    Raises:
+        PortError: it cannot be opened.
+    """
+
+    def __init__(self, opening: Opening) -> None:
+        self._block = Block(opening)
+        self.loop = shared_loop.borrow()
+        try:
+            self.bus: Bus = self.loop.carry_out(Call(self._block.enter, (), {}))
+        except BaseException:
+            if self._block.entered:
+                self.leave(None, None, None)
+            shared_loop.give_back(self.loop)
+            raise
+        self.axes: list[Any] = []
+        """Those to be stopped by Ctrl-C."""
+        self._stops: list[Handle[Any]] = []
+        self._process = os.getpid()
+        self._closed = False
+        interrupts.add(self)
+        atexit.register(self.close)
+
+    def leave(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close it as a block does: after queued moves, or at once where the block is left by an exception."""
+        if not self._closed:
+            try:
+                self.loop.carry_out(Call(self._block.leave, (kind, error, trace), {}), patient=True)
+            finally:
+                self._end()
+
+    def close(self, leave_running: bool | None = None) -> None:
+        """Close it now: stop every axis that may move, see it stand, release the watchdogs."""
+        if not self._closed and self._process == os.getpid():
+            try:
+                self.loop.carry_out(Call(self.bus.aclose, (), {"leave_running": leave_running}), patient=True)
+            finally:
+                self._end()
+
+    def forgotten(self) -> None:
+        """Nobody has it any more, and nobody closed it. From whichever thread: nothing is waited for."""
+        if self._closed or self._process != os.getpid():
+            return
+        warnings.warn(f"a bus on {self.bus.port} was not closed: bus.close()", ResourceWarning, stacklevel=2)
+        self._closed = True
+        interrupts.remove(self)
+        atexit.unregister(self.close)
+        self.loop.begin(Call(self._close_and_give_back, (), {}))
+
+    def stop_soon(self) -> None:
+        """Have all axes stopped. From a signal handler."""
+        self.loop.post(self._stop)
+
+    def see_standing(self, give_up: Callable[[], bool]) -> None:
+        """Wait until the stops of Ctrl-C are confirmed, no longer than closing would take."""
+        with contextlib.suppress(BusError, TimeoutError):
+            self.loop.carry_out(Call(self._stand, (), {}), patient=True, give_up=give_up)
+
+    def _stop(self) -> None:
+        self._stops.clear()
+        for axis in self.axes:
+            with contextlib.suppress(BusError):  # it is closed
+                self._stops.append(axis.stop())
+
+    async def _stand(self) -> None:
+        stops = [asyncio.ensure_future(stop.wait()) for stop in self._stops]
+        if stops:
+            await asyncio.wait(stops, timeout=self.bus.config.close_timeout)
+        for stop in stops:
+            stop.cancel()
+
+    def _end(self) -> None:
+        self._closed = True
+        interrupts.remove(self)
+        atexit.unregister(self.close)
+        shared_loop.give_back(self.loop)
+
+    async def _close_and_give_back(self) -> None:
+        try:
+            await self.bus.aclose()
+        finally:
+            shared_loop.give_back(self.loop)

@@ -1,0 +1,219 @@
+"""What one does with a blocking bus, in a script or in the cells of a notebook."""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from rs485bus import blocking
+from rs485bus.errors import AddressInUse, BusClosed, LimitExceeded, MoveCancelled, WrongThread
+from rs485bus.sim import SimMks, SimTlr, SimUnit, SimZlac, VirtualLine
+
+
+@pytest.fixture
+def line() -> VirtualLine:
+    return VirtualLine(SimMks(1), SimMks(2), SimZlac(3), SimTlr(4), SimUnit(7, {0: 5, 1: 6}))
+
+
+@pytest.fixture
+def bus(line: VirtualLine) -> Iterator[blocking.Bus]:
+    with blocking.open_bus(line) as bus:
+        yield bus
+
+
+def test_commands_act_when_called_and_are_waited_for_or_not(bus: blocking.Bus) -> None:
+    x = bus.mks(1)
+    x.enable()
+    x.home()
+    move = x.move_to(2)
+    assert not move.done()
+    assert move.wait() == pytest.approx(2, abs=0.01)
+    assert move.done()
+    assert x.position() == pytest.approx(2, abs=0.01)
+
+
+def test_leaving_the_block_waits_for_queued_moves(line: VirtualLine) -> None:
+    with blocking.open_bus(line) as bus:
+        x = bus.mks(1)
+        x.enable()
+        move = x.move_to(3)
+    assert move.wait() == pytest.approx(3, abs=0.01)
+    assert bus.closed
+
+
+def test_an_exception_stops_what_moves_and_goes_on(line: VirtualLine) -> None:
+    with pytest.raises(ZeroDivisionError), blocking.open_bus(line) as bus:
+        x = bus.mks(1)
+        x.enable().wait()
+        move = x.move_to(1000)
+        next(move.positions(every=0.5))
+        _ = 1 / 0
+    with pytest.raises(MoveCancelled):
+        move.wait()
+    assert bus.stopped[0].standing
+
+
+def test_a_group_a_vehicle_and_plain_modbus(bus: blocking.Bus) -> None:
+    x, y, base = bus.mks(1), bus.tlr(4), bus.zlac(3, reverse=(False, True))
+    group = bus.group(x=x, y=y)
+    group.enable().wait()
+    move = group.move_to(x=1, y=2, duration=2)
+    assert move.wait() == pytest.approx({"x": 1, "y": 2}, abs=0.01)
+    assert move.moves["x"].done()
+    base.enable().wait()
+    vehicle = bus.vehicle(base, wheel_radius=0.1, track=0.4)
+    vehicle.reset()
+    vehicle.drive(0.2, 0.0).wait()
+    for pose in vehicle.poses(every=0.1):
+        if pose.x > 0.1:
+            break
+    vehicle.stop().wait()
+    assert bus.unit(7).read_holding_registers(0, 2) == [5, 6]
+
+
+def test_a_watchdog_block_is_entered_left_and_reports(bus: blocking.Bus) -> None:
+    x = bus.mks(1)
+    with bus.watchdog(x, timeout=1.0, lease=2.0) as guard:
+        x.enable().wait()
+        guard.renew()
+        assert guard.report()[0].address == 1
+
+
+def test_a_move_is_a_block_and_its_positions_an_iterator(bus: blocking.Bus) -> None:
+    x = bus.mks(1)
+    x.enable()
+    with x.move_to(1) as move:
+        positions = list(move.positions(every=0.1))
+    assert positions == sorted(positions)
+    with pytest.raises(KeyError), x.move_to(500) as move:
+        raise KeyError
+    with pytest.raises(MoveCancelled):
+        move.wait()
+
+
+def test_a_wait_with_a_timeout_leaves_the_move_alone(bus: blocking.Bus) -> None:
+    x = bus.mks(1)
+    x.enable().wait()
+    move = x.move_to(200_00, rpm=1)
+    with pytest.raises(TimeoutError, match="goes on"):
+        move.wait(timeout=0.05)
+    assert not move.done()
+    x.stop().wait()
+    with pytest.raises(MoveCancelled):
+        move.wait()
+
+
+def test_a_cell_can_be_run_twice_but_not_with_other_settings(bus: blocking.Bus) -> None:
+    x = bus.mks(1, units_per_turn=8.0)
+    assert bus.mks(1, units_per_turn=8.0) is x
+    assert bus.mks(1) is x
+    assert x.bus is bus
+    with pytest.raises(AddressInUse, match="other settings"):
+        bus.mks(1, units_per_turn=5.0)
+
+
+def test_a_bus_that_was_closed_tells_what_it_counted_and_does_nothing(line: VirtualLine) -> None:
+    with blocking.open_bus(line) as bus:
+        x = bus.mks(1)
+        x.position()
+    assert bus.stats.units[1].requests > 0
+    assert "closed" in repr(bus)
+    for call in (x.stop, x.position, x.enable, lambda: bus.unit(7).read_coils(0)):
+        with pytest.raises(BusClosed):
+            call()
+
+
+def test_errors_are_raised_where_the_call_is(bus: blocking.Bus) -> None:
+    x = bus.mks(1, limits=(0, 10))
+    with pytest.raises(LimitExceeded, match="outside its limits"):
+        x.move_to(11)
+
+
+def test_attributes_are_read_and_set(bus: blocking.Bus) -> None:
+    x = bus.mks(1)
+    x.rpm = 120.0
+    assert x.rpm == 120.0
+    assert x.move_to(0.5) is not None
+    with pytest.raises(AttributeError, match="'speed'"):
+        x.speed = 3  # type: ignore[attr-defined]  # what is tried
+    with pytest.raises(AttributeError, match="'speed'"):
+        _ = x.speed  # type: ignore[attr-defined]  # the same
+
+
+def test_any_thread_may_call(bus: blocking.Bus) -> None:
+    axes = [bus.mks(1), bus.mks(2)]
+    reached: list[float] = []
+
+    def go(axis: blocking.Axis, to: float) -> None:
+        axis.enable()
+        reached.append(axis.move_to(to).wait())
+
+    threads = [threading.Thread(target=go, args=(axis, to)) for to, axis in enumerate(axes, start=1)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(reached) == pytest.approx([1, 2], abs=0.01)
+
+
+def test_a_callback_gets_faces_and_must_not_wait(bus: blocking.Bus) -> None:
+    x = bus.mks(1)
+    told: list[object] = []
+
+    def done(handle: blocking.Handle[None]) -> None:
+        told.append(handle)
+        try:
+            x.position()
+        except WrongThread as error:
+            told.append(error)
+
+    handle = x.enable()
+    handle.add_done_callback(done)
+    handle.wait()
+    x.position()
+    assert told[0] is handle
+    assert "queue.Queue" in str(told[1])
+
+
+def test_observers_are_called_until_that_is_ended(bus: blocking.Bus) -> None:
+    seen: list[object] = []
+    end = bus.subscribe(seen.append)
+    bus.mks(1).position()
+    end()
+    count = len(seen)
+    assert count > 0
+    bus.mks(1).position()
+    assert len(seen) == count
+
+
+def test_a_bus_that_nobody_closed_is_closed_when_it_is_let_go(line: VirtualLine) -> None:
+    bus = blocking.open_bus(line)
+    loop = bus._loop
+    with pytest.warns(ResourceWarning, match="was not closed"):
+        del bus
+    until = time.monotonic() + 5
+    while loop.alive and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not loop.alive
+
+
+def test_buses_share_a_loop_so_that_groups_may_span_them() -> None:
+    with blocking.open_bus(VirtualLine(SimMks(1))) as one, blocking.open_bus(VirtualLine(SimMks(1))) as two:
+        group = one.group(x=one.mks(1), y=two.mks(1))
+        group.enable()
+        assert group.move_to(x=1, y=1).wait() == pytest.approx({"x": 1, "y": 1}, abs=0.01)
+
+
+def test_a_notebook_shows_an_axis_and_a_bus(bus: blocking.Bus) -> None:
+    shown = bus.mks(1)._repr_html_()
+    assert "MKS 1" in shown
+    assert "stalled" in shown
+    assert "unit 1" in bus._repr_html_()
+    assert "ZLAC 3" in bus.zlac(3)._repr_html_()
+
+
+def test_the_end_of_the_bus_ends_its_thread(line: VirtualLine) -> None:
+    with blocking.open_bus(line):
+        assert any(thread.name == "rs485bus" for thread in threading.enumerate())
+    assert not any(thread.name == "rs485bus" for thread in threading.enumerate())

@@ -55,7 +55,20 @@ _HOMES = {
     "open_bus": "bus.opening",
 }
 """In which module each name is defined. It is loaded when the name is first asked for."""
-_MODULES = ("arguments", "bus", "compat", "devices", "errors", "group", "plant", "profile", "sim", "transport", "wire")
+_MODULES = (
+    "arguments",
+    "blocking",
+    "bus",
+    "compat",
+    "devices",
+    "errors",
+    "group",
+    "plant",
+    "profile",
+    "sim",
+    "transport",
+    "wire",
+)
 
 
 def __getattr__(name: str) -> Any:

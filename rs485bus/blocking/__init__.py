@@ -20,16 +20,17 @@ from rs485bus.blocking.mirror import face_class, face_named
 __all__ = ["Bus", "open_bus"]
 
 
+_ROOTS = ("AxisGroup", "DifferentialDrive", "GroupMove", "MksServo", "Move", "TlrStepper", "Zlac8015d")
+"""Classes whose faces have a name here, and so have those of their bases."""
+
+
 def __getattr__(name: str) -> Any:
     """The blocking face of a class of the same name: `blocking.MksServo(bus, 1)`."""
     import rs485bus
 
-    if name.startswith("_"):
-        raise AttributeError(f"module 'rs485bus.blocking' has no attribute {name!r}")
-    offered = {offer: getattr(rs485bus, offer) for offer in rs485bus.__all__}
-    if name in offered:
-        return face_class(offered[name]) if isinstance(offered[name], type) else offered[name]
-    face = face_named(name, [cls for cls in offered.values() if isinstance(cls, type)])
+    if name in _ROOTS:
+        return face_class(getattr(rs485bus, name))
+    face = None if name.startswith("_") else face_named(name, [getattr(rs485bus, root) for root in _ROOTS])
     if face is None:
         raise AttributeError(f"module 'rs485bus.blocking' has no attribute {name!r}")
     return face

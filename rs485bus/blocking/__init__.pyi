@@ -170,8 +170,13 @@ class Axis(Conduct):
     def stop(self) -> Handle[None]:
         """Stop with the ramp of the running move, see that it stands, and drop what is queued.
 
-        It happens at once, whether the handle is awaited or not, and is repeated until it is confirmed; from the
-        second time on as an emergency stop.
+        It happens at once, whether the handle is awaited or not, and is repeated until it is confirmed by reading. A
+        repetition is the same stop. An emergency stop follows where the drive acknowledged it and does not stand after
+        one and a half times its stopping time, or where it acknowledged neither of two.
+
+        Raises:
+            StopUnconfirmed: when it is awaited: the axis could not be seen standing after three stops, or while the
+                port was away. It is stopped further on.
         """
         ...
     def velocity(self) -> float:

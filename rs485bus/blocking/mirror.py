@@ -77,7 +77,7 @@ class Face:
         return repr(self._inner)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *(name for name in vars(self._inner) if _public(name))})
+        return sorted({*super().__dir__(), *filter(_public, dir(self._inner))})
 
     def __getattr__(self, name: str) -> Any:
         if not _public(name):
@@ -246,7 +246,7 @@ def offered(cls: type) -> list[str]:
     own = [base for base in cls.__mro__ if base is cls or (base.__module__.startswith(_OURS) and not lives(base))]
     try:
         offered = set(object.__new__(cls).__dir__())
-    except TypeError:  # it is abstract
+    except Exception:  # it is abstract, or depends on what an instance holds
         offered = set(dir(cls))
     return [
         name

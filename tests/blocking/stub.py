@@ -17,6 +17,7 @@ from types import FunctionType
 from typing import Any
 
 import rs485bus
+from rs485bus.blocking import _ROOTS  # type: ignore[attr-defined] # the stub does not say it
 from rs485bus.blocking import bus as face
 from rs485bus.blocking.mirror import HIDDEN, lives, offered
 from rs485bus.bus.bus import Bus
@@ -74,10 +75,8 @@ class Stub:
 
     def make(self) -> str:
         """All of it."""
-        for name in rs485bus.__all__:
-            cls = getattr(rs485bus, name)
-            if isinstance(cls, type) and lives(cls):
-                self._need(cls)
+        for name in ("Bus", *_ROOTS):
+            self._need(getattr(rs485bus, name))
         opening = self._function("rs485bus.blocking.bus", face.open_bus, "")
         while missing := [name for name in self.classes if name not in self._text]:
             for name in missing:

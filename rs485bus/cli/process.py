@@ -19,11 +19,17 @@ from rs485bus.cli import what_to_install
 from rs485bus.cli.settings import settings
 from rs485bus.errors import (
     BusError,
+    LimitExceeded,
     OutcomeUnknown,
     PlantFileError,
     PortError,
     StopUnconfirmed,
 )
+
+
+class WrongUse(ValueError):
+    """The command was called in a way that cannot be meant. The message says how to call it."""
+
 
 DONE, FAILED, WRONG_INPUT, UNKNOWN, NO_PORT, INTERRUPTED = 0, 1, 2, 3, 4, 130
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -131,7 +137,7 @@ def tell(error: Exception) -> int:
 
 
 def _words(error: Exception) -> str:
-    name = type(error).__name__
+    name = "Error" if isinstance(error, WrongUse) else type(error).__name__
     if isinstance(error, ModuleNotFoundError) and (needed := what_to_install(error)):
         return escape(needed)
     if isinstance(error, BusError | ValueError | OSError):
@@ -144,7 +150,7 @@ def _words(error: Exception) -> str:
 
 def _exit_code(error: Exception) -> int:
     match error:
-        case PlantFileError():
+        case PlantFileError() | LimitExceeded() | WrongUse():
             return WRONG_INPUT
         case OutcomeUnknown() | StopUnconfirmed():
             return UNKNOWN

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from rs485bus.plant.families import Family
+from rs485bus.plant.families import Family, Sign
 
 if TYPE_CHECKING:
     from rs485bus.sim import SimDevice
@@ -69,6 +69,10 @@ BUILTIN = (
         facade=_mks_facade,
         watchdog=(0.05, 4_294_967.0),
         baudrate=38400,
+        baudrates=(9600, 19200, 25000, 38400, 57600, 115200, 256000),
+        # The motor's status, its enabling, its stall: drives of the family read by function 04 only.
+        signs=(Sign(4, 0xF1, high=6), Sign(4, 0x3A, high=1), Sign(4, 0x3E, high=1)),
+        version=Sign(4, 0x40, count=2),
         simulate=_virtual_mks,
     ),
     Family(
@@ -79,7 +83,20 @@ BUILTIN = (
         by_side=frozenset({"reverse"}),
         addresses=(1, 127),
         watchdog=(0.05, 32.767),
+        baudrates=(9600, 19200, 38400, 57600, 115200, 128000),
+        # Its own address, its baud rate's code, the watchdog's time.
+        signs=(Sign(3, 0x2001, is_address=True), Sign(3, 0x2002, low=1, high=6)),
+        version=Sign(3, 0x20A0),
         simulate=_virtual_zlac,
     ),
-    Family(name="tlr", title="TL-R", facade=_tlr_facade, simulate=_virtual_tlr),
+    Family(
+        name="tlr",
+        title="TL-R",
+        facade=_tlr_facade,
+        baudrates=(9600, 19200, 38400, 115200),
+        # The pulses a turn, the baud rate's code, the direction.
+        signs=(Sign(3, 0x23, low=400, high=51200), Sign(3, 0x28, high=3), Sign(3, 0x22, high=1)),
+        version=Sign(3, 0x01),
+        simulate=_virtual_tlr,
+    ),
 )

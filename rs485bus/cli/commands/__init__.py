@@ -24,6 +24,16 @@ class LazyCommand(NamedTuple):
 
 
 COMMANDS: dict[str, LazyCommand] = {
+    "ports": LazyCommand(
+        "rs485bus.cli.commands.ports:ports",
+        "List the serial ports: what is plugged in, who holds it, and what slows it down.",
+        FIND,
+    ),
+    "scan": LazyCommand(
+        "rs485bus.cli.commands.scan:scan",
+        "Find the drives on a pair: at which addresses and rates somebody answers, and of which family.",
+        FIND,
+    ),
     "check": LazyCommand(
         "rs485bus.cli.commands.check:check", "Say whether a plant file is right, and what to mend.", PLAN
     ),

@@ -208,3 +208,18 @@ class RearmRequired(MotionError):
 
 class StopUnconfirmed(MotionError):
     """The axis was told to stop and could not be seen standing. Use the hard-wired emergency stop."""
+
+
+# A plant that is served over a broker
+
+
+class BrokerError(BusError):
+    """The MQTT broker cannot be reached, refuses what was asked of it, or was lost. The message says what to do."""
+
+
+class NotInControl(NotSent):
+    """Who said it does not hold the lease of the axis, or holds it no more. Nothing was done."""
+
+
+class RequestMalformed(BusError, ValueError):
+    """A message to a served plant is not what its schema says. Nothing was done."""

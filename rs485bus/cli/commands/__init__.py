@@ -42,6 +42,11 @@ COMMANDS: dict[str, LazyCommand] = {
         "Home some drives, move them, watch them, stop: on a virtual plant, or on real drives.",
         TRY,
     ),
+    "serve": LazyCommand(
+        "rs485bus.cli.commands.serve:serve",
+        "Serve a plant over an MQTT 5 broker, for other programs and other hosts, until interrupted.",
+        MOVE,
+    ),
     "sim": LazyCommand(
         "rs485bus.cli.commands.sim:sim",
         "Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted.",

@@ -1,0 +1,319 @@
+"""The connection of a client to a served plant: it asks, is answered, and comes back when the broker does."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import secrets
+from collections.abc import Callable
+from typing import Any
+
+import aiomqtt
+from paho.mqtt.reasoncodes import ReasonCode
+
+from rs485bus.bus.handle import Handle
+from rs485bus.errors import BrokerError, RequestMalformed
+from rs485bus.remote.clock import RemoteClock
+from rs485bus.remote.handles import RemoteMove
+from rs485bus.remote.requests import Pending, PendingRequests
+from rs485bus.service.broker import NO_RETAINED, WITH_RETAINED, Broker, Client, asking, last_will
+from rs485bus.service.decisions import Asker
+from rs485bus.service.schema import (
+    Answer,
+    AxisEvent,
+    AxisReport,
+    BusReport,
+    Description,
+    Gone,
+    Message,
+    Request,
+    read,
+    write,
+)
+from rs485bus.service.topics import PLANT, Topics
+
+_log = logging.getLogger("rs485bus.remote")
+
+_PAUSES = (0.05, 0.1, 0.2, 0.5, 1.0)
+_LOOK = 0.25
+"""Seconds between two looks for what is to be said again."""
+_FOUND = 1.5
+"""Seconds within which the broker tells that there is the plant."""
+
+
+class Session:
+    """One client of one plant.
+
+    Args:
+        broker: where the plant is served.
+        topics: its topics.
+        client: the name of the client, which nobody else has.
+        patience: seconds within which something must be heard of a request.
+    """
+
+    def __init__(self, broker: Broker, topics: Topics, client: str, patience: float) -> None:
+        self.broker = broker
+        self.topics = topics
+        self.client = client
+        self.clock = RemoteClock()
+        self.requests = PendingRequests(patience)
+        self.plant: Description | None = None
+        self.reports: dict[str, AxisReport] = {}
+        self.buses: dict[str, BusReport] = {}
+        self.on_report: list[Callable[[str, AxisReport], None]] = []
+        self.on_event: list[Callable[[AxisEvent], None]] = []
+        self.on_lost: list[Callable[[], None]] = []
+        self.connected = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._mqtt: Client | None = None
+        self._found = asyncio.Event()
+        self._trouble: Exception | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    def now(self) -> float:
+        """The service's clock, at the earliest."""
+        return self.clock.now(self._loop.time())
+
+    async def open(self) -> None:
+        """Connect, and find the plant.
+
+        Raises:
+            BrokerError: the broker cannot be reached or refuses, or nobody serves the plant.
+            RequestMalformed: the service speaks another version of the schema.
+        """
+        first: asyncio.Future[None] = self._loop.create_future()
+        self._task = asyncio.create_task(self._keep(first), name=f"rs485bus remote {self.client}")
+        try:
+            await first
+            await self._find()
+            await self.ask(PLANT, "time", {}, f"the time of {self.topics.plant}").wait()
+        except BaseException:
+            await self.close()
+            raise
+
+    async def close(self) -> None:
+        """Close the connection. What is not answered by then is unknown."""
+        task, self._task = self._task, None
+        if task is not None:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError, BrokerError):
+                await task
+        self.requests.give_up("the connection was closed.")
+
+    # What goes out
+
+    def ask(
+        self,
+        name: str,
+        verb: str,
+        arguments: dict[str, Any],
+        what: str,
+        *,
+        once: bool = False,
+        lease: int | None = None,
+        life: float = 2.0,
+        at: float | None = None,
+        handle: Handle[Any] | None = None,
+        request: str | None = None,
+    ) -> Handle[Any]:
+        """Send a request. What is returned ends with its answer: the value, or what was raised."""
+        said = Request(
+            id=request or new_id(),
+            client=self.client,
+            lease=lease,
+            sent=self.now(),
+            expires=self.now() + life,
+            at=at,
+            args=arguments,
+        )
+        topic = self.topics.request(name, verb)
+        return self.say(topic, said.id, said, what, once=once, life=life, handle=handle)
+
+    def say(
+        self,
+        topic: str,
+        request: str,
+        message: Message,
+        what: str,
+        *,
+        once: bool = False,
+        life: float = 2.0,
+        handle: Handle[Any] | None = None,
+    ) -> Handle[Any]:
+        """Send a message that is answered."""
+        waiting: Handle[Any] = handle or Handle(what)
+
+        def ended(answer: Answer | None, error: Exception | None) -> None:
+            if error is not None:
+                waiting.fail(error)
+            else:
+                waiting.finish(None if answer is None else answer.value)
+
+        pending = Pending(request, what, topic, write(message), once, life, ended)
+        if isinstance(waiting, RemoteMove):
+            pending.told = waiting.told
+        self.requests.add(pending)
+        self._send(pending)
+        return waiting
+
+    def put(self, topic: str, message: Message) -> None:
+        """Send a message that is not answered, and may be lost."""
+        if self._mqtt is not None:
+            self._mqtt.send(topic, write(message), qos=0)
+
+    def _send(self, pending: Pending) -> None:
+        client = self._mqtt
+        if client is None:
+            return
+        asker = Asker(self.topics.reply(self.client), pending.id.encode())
+
+        def taken(future: asyncio.Future[ReasonCode]) -> None:
+            if not future.cancelled() and future.result().is_failure:
+                error = BrokerError(f"{pending.what}: {client.refusal(pending.topic, future.result())}")
+                self.requests.refused(pending, error)
+
+        sent = client.send(pending.topic, pending.payload, properties=asking(asker, pending.life))
+        self.requests.sent(pending, self._loop.time())
+        sent.add_done_callback(taken)
+
+    # The connection
+
+    async def _keep(self, first: asyncio.Future[None]) -> None:
+        attempt = 0
+        while True:
+            try:
+                await self._connect(first)
+            except BrokerError as error:
+                if not first.done():
+                    first.set_exception(error)
+                    return
+                attempt = 0 if self.connected.is_set() else min(attempt + 1, len(_PAUSES) - 1)
+                _log.warning("%s", error)
+            finally:
+                self._mqtt = None
+                if self.connected.is_set():
+                    self.connected.clear()
+                    for callback in self.on_lost:
+                        callback()
+            await asyncio.sleep(_PAUSES[attempt])
+
+    async def _connect(self, first: asyncio.Future[None]) -> None:
+        topics = self.topics
+        will = last_will(topics.gone(self.client), write(Gone(client=self.client)))
+        async with self.broker.connect(self.client, will) as client:
+            own = [(topics.reply(self.client), NO_RETAINED)]
+            told = [topics.service, topics.axis("+", "state"), topics.axis("+", "event"), topics.bus("+")]
+            await client.subscribe([*own, *((topic, WITH_RETAINED) for topic in told)])
+            await client.subscribe(topics.axis("+", "sample"), options=NO_RETAINED)
+            self._mqtt = client
+            self.connected.set()
+            if not first.done():
+                first.set_result(None)
+            self._repeat(anew=True)
+            repeating = asyncio.create_task(self._repeat_forever())
+            try:
+                async for message in client.messages:
+                    self._hear(message)
+            finally:
+                repeating.cancel()
+
+    async def _repeat_forever(self) -> None:
+        while True:
+            await asyncio.sleep(_LOOK)
+            self._repeat()
+
+    def _repeat(self, *, anew: bool = False) -> None:
+        """Say again what was not heard of."""
+        for pending in self.requests.due(self._loop.time(), anew=anew):
+            self._send(pending)
+
+    async def _find(self) -> None:
+        """Wait until the broker has told of the plant."""
+        name, where = self.topics.plant, self.broker
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_FOUND):
+                await self._found.wait()
+        if self._trouble is not None:
+            raise self._trouble
+        if self.plant is None:
+            others = await self._others()
+            served = (
+                f"Served there: {', '.join(others)}." if others else "Nothing is served there that this client sees."
+            )
+            raise BrokerError(f"There is no plant {name!r} at {where}. {served} Start it: rs485bus serve plant.toml")
+        if self.plant.status == "offline":
+            raise BrokerError(
+                f"The plant {name!r} was served at {where}, and is offline now. Start it: rs485bus serve plant.toml"
+            )
+
+    async def _others(self) -> list[str]:
+        """The plants that are served."""
+        names = set()
+        async with self.broker.connect(f"{self.client}-looking") as client:
+            await client.subscribe(f"{self.topics.prefix}/+/service", options=WITH_RETAINED)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(0.3):
+                    async for message in client.messages:
+                        with contextlib.suppress(RequestMalformed):
+                            told = read(Description, _bytes(message))
+                            if told.status == "online":
+                                names.add(told.plant)
+        return sorted(names)
+
+    # What comes in
+
+    def _hear(self, message: aiomqtt.Message) -> None:
+        try:
+            self._take(self.topics.parts(message.topic.value), _bytes(message))
+        except RequestMalformed as error:
+            if self._trouble is None:
+                self._trouble = error
+                _log.error("%s: %s", message.topic, error)
+            if not self._found.is_set() and message.topic.value == self.topics.service:
+                self._found.set()
+
+    def _take(self, parts: list[str], payload: bytes) -> None:
+        match parts:
+            case ["reply", _]:
+                self._answered(read(Answer, payload))
+            case ["axis", name, "state" | "sample"]:
+                report = read(AxisReport, payload)
+                self.reports[name] = report
+                for tell in tuple(self.on_report):
+                    tell(name, report)
+            case ["axis", _, "event"]:
+                event = read(AxisEvent, payload)
+                for tell_event in tuple(self.on_event):
+                    tell_event(event)
+            case ["bus", name, "load"]:
+                self.buses[name] = read(BusReport, payload)
+            case ["service"]:
+                self._described(read(Description, payload))
+
+    def _answered(self, answer: Answer) -> None:
+        now = self._loop.time()
+        pending = self.requests.get(answer.id)
+        if pending is not None and pending.first_sent is not None and not pending.once:
+            self.clock.learn(answer.now, pending.first_sent, now)
+        self.requests.answered(answer, now)
+
+    def _described(self, told: Description) -> None:
+        former, self.plant = self.plant, told
+        self._trouble = None
+        if told.status == "online":
+            if former is not None and former.session != told.session:
+                self.clock.reset()
+            self._found.set()
+            self._repeat(anew=True)  # what was said while it was not there has reached nobody
+        elif former is None:
+            self._loop.call_later(_FOUND / 2, self._found.set)  # it may be about to come back
+
+
+def new_id() -> str:
+    """The id of a request: no other one has it."""
+    return secrets.token_hex(12)
+
+
+def _bytes(message: aiomqtt.Message) -> bytes:
+    return message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()

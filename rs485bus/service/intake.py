@@ -1,0 +1,120 @@
+"""Reads what clients say. Pure."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+
+from rs485bus.errors import NotSent, RequestMalformed
+from rs485bus.service.decisions import Asker, Order
+from rs485bus.service.schema import Request, read
+from rs485bus.service.topics import PLANT, Topics
+from rs485bus.service.verbs import Together, Verb, arguments
+
+LONGEST_LIFE = 60.0
+"""Seconds after which a request must have expired."""
+AHEAD = 0.05
+"""Seconds by which a client's idea of the service's clock may be ahead of it."""
+
+
+class Intake:
+    """What the plant has, and what can be asked of it.
+
+    Args:
+        topics: those of the plant.
+        axes: its axes, by the names that verbs can be said to: of axes, groups and vehicles.
+        verb: what can be asked of a name; None for what cannot.
+    """
+
+    def __init__(
+        self, topics: Topics, axes: Mapping[str, frozenset[str]], verb: Callable[[str, str], Verb | None]
+    ) -> None:
+        self._topics = topics
+        self._axes = dict(axes)
+        self._verb = verb
+
+    def order(
+        self, topic: str, payload: bytes, asker: Asker | None, now: float, *, retained: bool
+    ) -> tuple[Order, Verb]:
+        """A request. Raises `RequestMalformed` for what is none."""
+        refuse_retained(retained)
+        if asker is None:
+            raise RequestMalformed(
+                "A request needs a response topic (MQTT 5), so that what becomes of it can be told. Nothing was done."
+            )
+        said = read(Request, payload)
+        self.check_asker(asker, said.client)
+        name, _, which = topic.partition("/")
+        axes = self.named(self._axes if name == PLANT else [name])
+        verb = self._verb(name, which)
+        if verb is None:
+            raise RequestMalformed(f"{name} has no verb {which!r}. Nothing was done.")
+        if said.expires - said.sent > LONGEST_LIFE:
+            raise RequestMalformed(f"It must expire within {LONGEST_LIFE:g} s after it was sent. Nothing was done.")
+        if said.sent > now + AHEAD:
+            raise RequestMalformed(
+                f"It was sent {said.sent - now:.3f} s from now, by the service's clock: ask the service for its time. "
+                "Nothing was done."
+            )
+        if said.at is not None and said.at >= said.expires:
+            raise RequestMalformed("It is to begin when it has expired. Nothing was done.")
+        given = arguments(verb, said.args)
+        if name == PLANT and isinstance(given, Together):
+            axes = self.named(given.places)
+        every = name == PLANT and not isinstance(given, Together)
+        order = Order(
+            said.id,
+            said.client,
+            name,
+            which,
+            given,
+            axes,
+            frozenset() if every else axes,
+            said.lease,
+            min(said.sent, now),
+            said.expires,
+            said.at,
+            _digest(topic, said),
+            [asker],
+        )
+        return order, verb
+
+    def named(self, names: Iterable[str]) -> frozenset[str]:
+        """The axes that names stand for. Raises `RequestMalformed` for a name that there is not."""
+        axes: set[str] = set()
+        for name in names:
+            if name not in self._axes:
+                raise RequestMalformed(f"There is no {name!r} here: {', '.join(self._axes)}. Nothing was done.")
+            axes |= self._axes[name]
+        return frozenset(axes)
+
+    def check_asker(self, asker: Asker | None, client: str) -> None:
+        """Raise `RequestMalformed` where a client wants to be answered elsewhere than where its answers go."""
+        if asker is not None and asker.topic != self._topics.reply(client):
+            raise RequestMalformed(f"The response topic of {client} is {self._topics.reply(client)}. Nothing was done.")
+
+    def may_answer(self, asker: Asker | None) -> bool:
+        """Whether that is where some client's answers go."""
+        return asker is not None and self._topics.is_reply(asker.topic)
+
+
+def check_age(order: Order, now: float) -> None:
+    """Raise `NotSent` for a request that comes too late."""
+    if order.expires <= now:
+        late = now - order.expires
+        raise NotSent(f"{order.name} {order.verb} expired {late:.3f} s before it came in. Nothing was done.")
+
+
+def refuse_retained(retained: bool) -> None:
+    """Raise `RequestMalformed` for a retained message."""
+    if retained:
+        raise RequestMalformed(
+            "It was published as a retained message, and would come again with every connection: publish it without "
+            "retain. Nothing was done."
+        )
+
+
+def _digest(topic: str, said: Request) -> str:
+    fields = {"topic": topic, "client": said.client, "args": said.args, "at": said.at}
+    return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:32]

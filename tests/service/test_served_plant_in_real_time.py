@@ -1,0 +1,385 @@
+"""A plant that is served at a real mosquitto, used by clients."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import aiomqtt
+import anyio
+import pytest
+
+from rs485bus import remote
+from rs485bus.errors import (
+    BrokerError,
+    LimitExceeded,
+    MoveCancelled,
+    NotInControl,
+    NotSupported,
+    RequestMalformed,
+)
+from rs485bus.plant import Plant
+from rs485bus.service.topics import Topics
+from tests.real.support import in_real_time
+from tests.service.mosquitto import Mosquitto, running
+from tests.service.serving import CELL, serving
+
+FAMILIES = """
+name = "{name}"
+
+[buses.main]
+port = "{port}"
+baudrate = 115200
+
+[axes.x]
+bus = "main"
+family = "mks"
+address = 1
+acceleration = 10000
+
+[axes.y]
+bus = "main"
+family = "tlr"
+address = 2
+
+[axes.left]
+bus = "main"
+family = "zlac"
+address = 3
+side = "left"
+
+[axes.right]
+bus = "main"
+family = "zlac"
+address = 3
+side = "right"
+
+[vehicle]
+left = "left"
+right = "right"
+wheel_radius = 0.08
+track = 0.4
+
+[groups.xy]
+axes = ["x", "y"]
+"""
+
+
+async def stands(plant: Plant, within: float) -> None:
+    """Wait until the axis x stands."""
+    async with asyncio.timeout(within):
+        while not await plant.x.idle():  # noqa: ASYNC110 - a drive has no event
+            await anyio.sleep(0.02)
+
+
+def test_the_verbs_of_all_families_are_done_from_afar(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path, broker.url, FAMILIES) as (plant, _),
+            remote.connect(broker.url, plant=plant.name) as cell,
+        ):
+            assert list(cell.axes) == ["x", "y", "left", "right"]
+            enabled = [cell.axes[name].enable() for name in cell.axes]
+            for handle in enabled:
+                await handle
+            assert await cell.x.move_to(0.5) == pytest.approx(0.5, abs=0.01)
+            assert await cell.xy.move_to(x=0.0, y=0.25) == pytest.approx({"x": 0.0, "y": 0.25}, abs=0.01)
+            together = cell.move_by(x=0.25, left=0.2, duration=1.0)
+            assert (await together)["left"] == pytest.approx(0.2, abs=0.02)
+            assert together.spread is not None
+            assert cell.vehicle is not None
+            await cell.vehicle.drive(0.1, 0.0)
+            await cell.vehicle.stop()
+            assert await cell.left.idle()
+            assert (await cell.x.status())["enabled"] is True
+            with pytest.raises(LimitExceeded, match="outside"):
+                await cell.x.move_to(1e9)
+            with pytest.raises(RequestMalformed, match="no verb 'home'"):
+                await cell.left.home()
+            with pytest.raises(AttributeError, match="no axis and no group 'z'"):
+                cell.z  # noqa: B018
+
+    in_real_time(main, 40)
+
+
+def test_states_samples_and_events_are_told(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path, broker.url) as (plant, _),
+            remote.connect(broker.url, plant=plant.name) as cell,
+            remote.connect(broker.url, plant=plant.name) as other,
+        ):
+            told: list[str] = []
+            other.session.on_event.append(lambda event: told.append(event.event))
+            await cell.x.enable()
+            await cell.x.run(60)
+            positions = []
+            async for sample in other.x.samples(0.02):
+                positions.append(sample.position)
+                if len(positions) == 10:
+                    assert sample.holder == cell.session.client
+                    assert sample.verb is None
+                    break
+            assert positions == sorted(positions)
+            await other.x.stop()
+            await asyncio.sleep(0.1)
+            assert other.x.report is not None
+            assert other.x.report.position == pytest.approx(await plant.x.position(), abs=0.001)
+            assert other.x.report.stop is not None
+            assert {"control taken", "stopped"} <= set(told)
+            assert 0 < other.buses["main"].load < 1
+
+    in_real_time(main, 20)
+
+
+def test_who_is_killed_leaves_axes_that_stand(tmp_path: Path, broker: Mosquitto) -> None:
+    script = (
+        "import asyncio, sys; from rs485bus import remote\n"
+        "async def main():\n"
+        "    async with remote.connect(sys.argv[1], plant=sys.argv[2]) as plant:\n"
+        "        await plant.x.enable(); await plant.x.run(60); print('runs', flush=True); await asyncio.sleep(60)\n"
+        "asyncio.run(main())"
+    )
+
+    async def main() -> None:
+        async with serving(tmp_path, broker.url) as (plant, _):
+            client = await asyncio.create_subprocess_exec(
+                sys.executable, "-c", script, broker.url, plant.name, stdout=asyncio.subprocess.PIPE
+            )
+            assert client.stdout is not None
+            assert await client.stdout.readline() == b"runs\n"
+            assert not await plant.x.idle()
+            client.kill()
+            await client.wait()
+            await stands(plant, within=1.3)
+
+    in_real_time(main, 20)
+
+
+def test_a_broker_that_is_killed_ends_control_and_comes_back(tmp_path: Path) -> None:
+    async def main() -> None:
+        with running(tmp_path) as broker:
+            async with (
+                serving(tmp_path, broker.url) as (plant, service),
+                remote.connect(broker.url, plant=plant.name) as cell,
+            ):
+                await cell.x.enable()
+                run = cell.x.run(60, duration=20.0)
+                await run.begun.wait()
+                await asyncio.sleep(0.2)
+                broker.kill()
+                await stands(plant, within=1.3)
+                broker.start()
+                with pytest.raises(MoveCancelled, match="lost the broker"):
+                    await run
+                await service.online.wait()
+                await asyncio.sleep(0.5)
+                with pytest.raises(NotInControl, match="Control was lost"):
+                    await cell.x.move_to(0)
+                await cell.take_control("x")
+                await cell.x.move_to(0)
+
+    in_real_time(main, 30)
+
+
+def test_one_client_commands_an_axis_and_others_may_look_and_stop(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path, broker.url) as (plant, _),
+            remote.connect(broker.url, plant=plant.name, client="one") as one,
+            remote.connect(broker.url, plant=plant.name, client="two") as two,
+        ):
+            await one.x.enable()
+            run = one.x.run(60, duration=20.0)
+            with pytest.raises(NotInControl, match="x is commanded by one"):
+                await two.x.enable()
+            await two.y.enable()
+            await asyncio.sleep(0.2)
+            assert await two.x.stop() == ["x"]
+            with pytest.raises(MoveCancelled):
+                await run
+            async with one.x.move_to(0) as move:
+                pass
+            assert move.done()
+            emergency = await two.emergency_stop()
+            assert emergency == ["x", "y"]
+            with pytest.raises(Exception, match="latched"):
+                await one.x.move_to(1)
+            await one.clear_emergency_stop()
+            await one.x.enable()
+            assert await one.x.move_to(0.1) == pytest.approx(0.1, abs=0.01)
+
+    in_real_time(main, 20)
+
+
+def test_a_block_that_is_left_by_an_exception_stops(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, broker.url) as (plant, _):
+            with pytest.raises(ZeroDivisionError):
+                async with remote.connect(broker.url, plant=plant.name) as cell:
+                    await cell.x.enable()
+                    await cell.x.run(60)
+                    raise ZeroDivisionError
+            assert await plant.x.idle()
+            async with remote.connect(broker.url, plant=plant.name) as cell:
+                await cell.y.enable()
+
+    in_real_time(main, 20)
+
+
+# What goes wrong
+
+
+def test_a_plant_that_is_not_there_is_told_with_those_that_are(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, broker.url) as (plant, _):
+            with pytest.raises(BrokerError, match=rf"no plant 'cel' at .* Served there: .*{plant.name}"):
+                async with remote.connect(broker.url, plant="cel"):
+                    pass
+        with pytest.raises(BrokerError, match="offline now"):
+            async with remote.connect(broker.url, plant=plant.name):
+                pass
+
+    in_real_time(main, 20)
+
+
+def test_a_plant_is_served_once(tmp_path: Path, broker: Mosquitto, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rs485bus.service.service._DEAD", 0.5)
+
+    async def main() -> None:
+        async with serving(tmp_path, broker.url, name="twice") as (plant, _):
+            (tmp_path / "other").mkdir()
+            with pytest.raises(BrokerError, match=r"is served at .* already"):
+                async with serving(tmp_path / "other", broker.url, name="twice"):
+                    pass
+            assert plant.name == "twice"
+
+    in_real_time(main, 30)
+
+
+def test_nobody_at_the_port_is_told_in_words(tmp_path: Path) -> None:
+    async def main() -> None:
+        with pytest.raises(BrokerError, match="Nobody listens at mqtt://127"):
+            async with remote.connect("mqtt://127.0.0.1:1", plant="cell"):
+                pass
+
+    in_real_time(main, 10)
+
+
+ACL = """
+user service
+topic readwrite rs485bus/#
+user operator
+topic read rs485bus/#
+topic write rs485bus/+/request/#
+topic write rs485bus/+/stop
+pattern write rs485bus/+/presence/%c
+pattern write rs485bus/+/gone/%c
+user guest
+topic read rs485bus/#
+topic write rs485bus/+/request/plant/time
+topic write rs485bus/+/request/+/position
+topic write rs485bus/+/emergency_stop
+"""
+
+
+def test_users_passwords_and_access_lists_keep_out_who_is_not_meant(tmp_path: Path) -> None:
+    passwords, acl = tmp_path / "passwords", tmp_path / "acl"
+    for option, user in (("-c", "service"), ("", "operator"), ("", "guest")):
+        words = ("mosquitto_passwd", "-b", *([option] if option else []), str(passwords), user, "secret")
+        subprocess.run(words, check=True, capture_output=True)
+    acl.write_text(ACL)
+
+    async def main(broker: Mosquitto) -> None:
+        def at(user: str, password: str = "secret") -> str:
+            return broker.url.replace("//", f"//{user}:{password}@")
+
+        async with serving(tmp_path, at("service")) as (plant, _):
+            for user, password in (("operator", "guess"), ("nobody", "secret")):
+                with pytest.raises(BrokerError, match=r"refuses the connection: .*(authorized|password)"):
+                    async with remote.connect(at(user, password), plant=plant.name):
+                        pass
+            async with remote.connect(at("operator"), plant=plant.name) as cell:
+                await cell.x.enable()
+                assert await cell.x.move_to(0.1) == pytest.approx(0.1, abs=0.01)
+            async with remote.connect(at("guest"), plant=plant.name) as cell:
+                assert await cell.x.position() == pytest.approx(0.1, abs=0.01)
+                with pytest.raises(BrokerError, match=r"does not take .*take_control from .*Not authorized"):
+                    await cell.x.move_to(2)
+                with pytest.raises(BrokerError, match=r"does not take .*/stop"):
+                    await cell.stop()
+                assert await cell.emergency_stop() == ["x", "y"]
+            assert await plant.x.position() == pytest.approx(0.1, abs=0.01)
+        with pytest.raises(BrokerError, match=r"does not take .*/service from"):
+            async with serving(tmp_path, at("guest")):
+                pass
+
+    with running(tmp_path, f"password_file {passwords}\nacl_file {acl}", anonymous=False) as broker:
+        in_real_time(lambda: main(broker), 30)
+
+
+def test_a_client_that_speaks_an_old_mqtt_or_another_schema_is_told_and_nothing_moves(
+    tmp_path: Path, broker: Mosquitto
+) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, broker.url) as (plant, _):
+            topics = Topics(plant.name)
+            async with aiomqtt.Client("127.0.0.1", broker.port, protocol=aiomqtt.ProtocolVersion.V311) as old:
+                await old.subscribe(topics.refused)
+                told = []
+                for payload in ({"v": 1, "id": "1"}, {"v": 0, "id": "2"}, "move!"):
+                    await old.publish(topics.request("x", "move_to"), json.dumps(payload), qos=1)
+                    async for message in old.messages:
+                        told.append(json.loads(message.payload)["error"]["message"])
+                        break
+            assert "needs a response topic (MQTT 5)" in told[0]
+            assert await plant.x.position() == 0
+
+    in_real_time(main, 20)
+
+
+def test_a_service_of_another_version_is_told_of_when_a_client_connects(broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with aiomqtt.Client("127.0.0.1", broker.port) as newer:
+            later = {"v": 2, "status": "online", "session": "1", "plant": "later"}
+            await newer.publish(Topics("later").service, json.dumps(later), qos=1, retain=True)
+            with pytest.raises(RequestMalformed, match="version 2 of the schema, and this side speaks version 1"):
+                async with remote.connect(broker.url, plant="later"):
+                    pass
+            await newer.publish(Topics("later").service, b"", qos=1, retain=True)
+
+    in_real_time(main, 10)
+
+
+def test_home_assistant_finds_states_and_stops_and_nothing_that_moves(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, broker.url, home_assistant=True) as (plant, _):
+            found: dict[str, dict[str, str]] = {}
+            async with aiomqtt.Client("127.0.0.1", broker.port) as home:
+                await home.subscribe("homeassistant/#")
+                async for message in home.messages:
+                    found[str(message.topic)] = json.loads(message.payload)
+                    if len(found) == 12:
+                        break
+            commands = {entry["command_topic"] for entry in found.values() if "command_topic" in entry}
+            topics = Topics(plant.name)
+            assert commands == {topics.stop, topics.emergency_stop}
+            assert f"homeassistant/sensor/{plant.name}_x_position/config" in found
+
+    in_real_time(main, 10)
+
+
+def test_streams_are_refused_in_words_where_an_axis_has_none(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, broker.url, CELL) as (plant, _):
+            if hasattr(plant.x, "stream"):
+                return
+            async with remote.connect(broker.url, plant=plant.name) as cell:
+                with pytest.raises(NotSupported, match="takes no set-points"):
+                    async with cell.x.stream() as setpoint:
+                        setpoint(60)
+
+    in_real_time(main, 10)

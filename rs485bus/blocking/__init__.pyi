@@ -12,6 +12,7 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.functions import RequestOptions
 from rs485bus.bus.port_urls import Backend
 from rs485bus.bus.record import BusStats, Record
+from rs485bus.bus.recording import Recording
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import EmergencyReport
@@ -35,7 +36,7 @@ from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
 from rs485bus.wire.private import Reply
 from rs485bus.wire.registers import Block, Register
-from rs485bus.wire.timing import Parity
+from rs485bus.wire.timing import LineSettings, Parity
 from typing import Any, Generic, Unpack
 
 A = TypeVar("A")
@@ -384,12 +385,31 @@ class Bus:
     def latched(self) -> bool:
         """Whether an emergency stop holds."""
         ...
+    @property
+    def line(self) -> LineSettings:
+        """How characters travel on the pair."""
+        ...
     def on_lost(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Have `callback` called whenever the port is lost. Returns a function that ends that."""
         ...
     @property
     def port(self) -> str:
         """What it was opened on, as people call it."""
+        ...
+    def record_to(self, path: str | PathLike[str], *, max_bytes: int = 20000000, keep: int = 4) -> Recording:
+        """Write what happens on the bus from now on to a capture file, until it is closed, or the recording is.
+
+        `rs485bus explain`, `plot` and `pcap` read it. The bus does not wait for the disk.
+
+        Args:
+            path: the file. A capture that is there already is kept, as `path.1`.
+            max_bytes: how long one file may become, 10,000 at the least; then it becomes `path.1`.
+            keep: how many older files are kept, 0..1000.
+
+        Raises:
+            ValueError: there is a file that is no capture, or an argument is out of its range.
+            OSError: the file cannot be written.
+        """
         ...
     @property
     def stats(self) -> BusStats:

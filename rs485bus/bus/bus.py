@@ -5,16 +5,20 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import os
 import threading
 from collections.abc import Callable, Coroutine, Sequence
+from datetime import UTC, datetime
 from typing import Any, Literal, TypeVar
 
+from rs485bus.bus.capture_lines import Header
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
 from rs485bus.bus.handle import Handle, outlast, running_loop, settle
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.port import Port
 from rs485bus.bus.record import BusStats, Record
+from rs485bus.bus.recording import KEEP, MAX_BYTES, BusRecorder, Recording
 from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
@@ -34,6 +38,7 @@ from rs485bus.errors import AddressInUse, BusClosed, BusError, LoopNotRunning, W
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Register, Repeat
+from rs485bus.wire.timing import LineSettings
 
 T = TypeVar("T")
 
@@ -77,6 +82,7 @@ class Bus:
         self._emergency: Handle[EmergencyReport] | None = None
         self._opened_at = self._loop.time()
         self.broadcast = Broadcast(self)
+        self._recordings: list[Recording] = []
         self.stopped: list[Halted] = []
         """How each device that might have moved ended up when the bus was closed."""
 
@@ -211,6 +217,34 @@ class Bus:
         """
         return self._owner.journal.subscribe(observer)
 
+    def record_to(self, path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES, keep: int = KEEP) -> Recording:
+        """Write what happens on the bus from now on to a capture file, until it is closed, or the recording is.
+
+        `rs485bus explain`, `plot` and `pcap` read it. The bus does not wait for the disk.
+
+        Args:
+            path: the file. A capture that is there already is kept, as `path.1`.
+            max_bytes: how long one file may become, 10,000 at the least; then it becomes `path.1`.
+            keep: how many older files are kept, 0..1000.
+
+        Raises:
+            ValueError: there is a file that is no capture, or an argument is out of its range.
+            OSError: the file cannot be written.
+        """
+        self.check_thread()
+        started = datetime.now(UTC).isoformat()
+        header = Header(port=self.port, line=self.line, started=started)
+        recording = Recording(path, header, max_bytes=max_bytes, keep=keep)
+        units = self._owner.units
+
+        def family(address: int) -> str | None:
+            attached = units[address].attached if address else None
+            return None if attached is None else attached.family
+
+        recording.on_close(self.subscribe(BusRecorder(recording, self._loop.time(), family)))
+        self._recordings.append(recording)
+        return recording
+
     def on_lost(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Have `callback` called whenever the port is lost. Returns a function that ends that."""
         return self._port.listen(callback)
@@ -266,6 +300,11 @@ class Bus:
     def port(self) -> str:
         """What it was opened on, as people call it."""
         return self._transport.name
+
+    @property
+    def line(self) -> LineSettings:
+        """How characters travel on the pair."""
+        return self._transport.line
 
     def now(self) -> float:
         """The time on the bus' clock, in seconds: the event loop's."""
@@ -479,6 +518,8 @@ class Bus:
             if task is not asyncio.current_task():
                 task.cancel()
         await outlast(self._loop.create_task(self._port.close()))
+        for recording in self._recordings:
+            recording.close()
 
     def _give_up(self, stopped: asyncio.Future[list[Halted]]) -> None:
         settle(stopped, still_stopping(self._owner))

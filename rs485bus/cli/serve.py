@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 
 from rich.console import Console
 
@@ -27,13 +28,18 @@ FAMILIES: dict[str, Callable[[int], SimDevice]] = {"MKS": _mks, "ZLAC": SimZlac,
 _SWITCHES = {"MKS": f"{_SWITCH:g} turns down", "TL-R": f"{_SWITCH:g} turns up"}
 
 
-async def serve(baudrate: int, drives: dict[str, list[int]], link: str | None, console: Console) -> int:
-    """Serve drives, given as addresses by the names in `FAMILIES`, until cancelled."""
+async def serve(
+    baudrate: int, drives: dict[str, list[int]], link: str | None, console: Console, tap: str | None = None
+) -> int:
+    """Serve drives, given as addresses by the names in `FAMILIES`, until cancelled. `tap` is a link for who listens."""
     if os.name != "posix":
         raise NotSupported("A pseudo-terminal needs Linux or macOS. On Windows use a null-modem driver, or WSL.")
     devices = [FAMILIES[family](address) for family, addresses in drives.items() for address in addresses]
     line = VirtualLine(*devices, baudrate=baudrate)
-    async with await line.serve_pty(link) as port:
+    async with AsyncExitStack() as served:
+        port = await served.enter_async_context(await line.serve_pty(link))
+        if tap is not None:
+            await served.enter_async_context(await line.serve_tap(tap))
         # The path alone on the first line, for scripts.
         print(port.path, flush=True)
         said = ", ".join(f"{family} {', '.join(map(str, some))}" for family, some in drives.items() if some)

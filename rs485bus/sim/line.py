@@ -68,6 +68,8 @@ class VirtualPair:
         """Seconds of silence that the master waits for."""
         self.collisions = 0
         """Times that two talked at once."""
+        self.ears: list[Callable[[bytes, float], None]] = []
+        """Who else listens: called with a few bytes, whoever sent them, and the time."""
         self._rng = random.Random(seed)
         self._events: list[tuple[float, int, Callable[[float], None]]] = []
         self._number = itertools.count()
@@ -115,6 +117,8 @@ class VirtualPair:
         self._at(end + self.line.t35, lambda now: self._complete(version, end, now))
         if self.noise.echo:
             self._arrive(bytes(data), start, None)
+        elif self.ears:
+            self._pass_on(bytes(data), start, self._overhear)
 
     def babble(self, intervals: Iterator[float], now: float) -> None:
         """From now on there are bytes that nobody sends, one after each of those intervals: a pair without bias, say.
@@ -205,18 +209,28 @@ class VirtualPair:
         self._arrive(reply, now, talk)
 
     def _arrive(self, data: bytes, start: float, talk: _Talk | None) -> None:
-        """Bytes reach the master as they are sent, a few at a time."""
+        """Bytes reach the master as they are sent."""
+        self._pass_on(data, start, lambda piece, now: self._hear(piece, talk, now))
+
+    def _pass_on(self, data: bytes, start: float, hear: Callable[[bytes, float], None]) -> None:
+        """Have bytes heard as they are sent, a few at a time."""
         size = max(1, int(_PIECE / self.line.character))
         for at in range(0, len(data), size):
             piece = data[at : at + size]
-            self._at(start + self.line.airtime(at + len(piece)), lambda now, piece=piece: self._hear(piece, talk, now))  # type: ignore[misc]
+            self._at(start + self.line.airtime(at + len(piece)), lambda now, piece=piece: hear(piece, now))  # type: ignore[misc]
 
     def _hear(self, piece: bytes, talk: _Talk | None, now: float) -> None:
         if now - self._heard_at > self.usable_silence + len(piece) * self.line.character:
             self._busy_since = now
         self._heard_at = now
         destroyed = talk is not None and talk.destroyed
-        self._received.append(self._rng.randbytes(len(piece)) if destroyed else piece)
+        heard = self._rng.randbytes(len(piece)) if destroyed else piece
+        self._received.append(heard)
+        self._overhear(heard, now)
+
+    def _overhear(self, piece: bytes, now: float) -> None:
+        for ear in self.ears:
+            ear(piece, now)
 
     def _flip(self, frame: bytes) -> bytes:
         bits = int.from_bytes(frame, "big")

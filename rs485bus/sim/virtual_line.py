@@ -108,6 +108,24 @@ class VirtualLine:
         self.pair.lenient = True
         return VirtualPort(self, link)
 
+    async def serve_tap(self, link: str | Path | None = None) -> VirtualPort:
+        """Another pseudo-terminal, on which a program can listen to all that is on the pair, and send nothing.
+
+        Args:
+            link: as for `serve_pty`.
+        """
+        self._run()
+        return VirtualPort(self, link, listens_only=True)
+
+    def listen(self, ear: Callable[[bytes, float], None]) -> Callable[[], None]:
+        """Have `ear` called with all bytes on the pair, a few at a time, whoever sent them, and with the time.
+
+        Returns:
+            A function that ends that.
+        """
+        self.pair.ears.append(ear)
+        return lambda: self.pair.ears.remove(ear)
+
     def hear(self, sink: Sink | None) -> None:
         """Hand what the master receives to a sink."""
         self._sink = sink
@@ -135,7 +153,7 @@ class VirtualLine:
 class VirtualPort:
     """A virtual line on a pseudo-terminal; an async context manager."""
 
-    def __init__(self, line: VirtualLine, link: str | Path | None) -> None:
+    def __init__(self, line: VirtualLine, link: str | Path | None, *, listens_only: bool = False) -> None:
         import pty
         import tty
 
@@ -155,7 +173,10 @@ class VirtualPort:
             self._link.unlink(missing_ok=True)
             self._link.symlink_to(self.path)
         self._loop.add_reader(self._master, self._read)
-        line.hear(self)
+        self._listens_only = listens_only
+        self._deafen = line.listen(lambda data, _: self.received(data)) if listens_only else lambda: line.hear(None)
+        if not listens_only:
+            line.hear(self)
 
     def received(self, data: bytes) -> None:
         with contextlib.suppress(OSError):  # nobody reads the other side
@@ -167,7 +188,7 @@ class VirtualPort:
     async def aclose(self) -> None:
         """Take it away: whoever has it open loses the port."""
         if self._master >= 0:
-            self._line.hear(None)
+            self._deafen()
             self._loop.remove_reader(self._master)
             os.close(self._master)
             os.close(self._slave)
@@ -185,7 +206,7 @@ class VirtualPort:
 
     def _read(self) -> None:
         data = os.read(self._master, 4096)
-        if self._speaks_our_rate():
+        if self._speaks_our_rate() and not self._listens_only:
             self._line.transmit(data, self._loop.time())
 
     def _speaks_our_rate(self) -> bool:

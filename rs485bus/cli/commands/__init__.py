@@ -47,6 +47,26 @@ COMMANDS: dict[str, LazyCommand] = {
         "Serve a plant over an MQTT 5 broker, for other programs and other hosts, until interrupted.",
         MOVE,
     ),
+    "explain": LazyCommand(
+        "rs485bus.cli.commands.captures:explain",
+        "Say what a capture holds: each frame in words, errors marked, statistics.",
+        WATCH,
+    ),
+    "pcap": LazyCommand(
+        "rs485bus.cli.commands.captures:pcap",
+        "Turn a capture into a file that Wireshark shows as Modbus RTU.",
+        WATCH,
+    ),
+    "plot": LazyCommand(
+        "rs485bus.cli.commands.captures:plot",
+        "Draw a capture: a lane for each unit, latency, load, and what the axes did.",
+        WATCH,
+    ),
+    "sniff": LazyCommand(
+        "rs485bus.cli.commands.sniff:sniff",
+        "Listen to a pair that another master owns: frames in words, drives recognised, errors marked.",
+        WATCH,
+    ),
     "sim": LazyCommand(
         "rs485bus.cli.commands.sim:sim",
         "Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted.",

@@ -20,6 +20,10 @@ def sim(
         Optional[str],  # noqa: UP045 - typer reads it
         typer.Option(help="Make a symbolic link to the pseudo-terminal here."),
     ] = None,
+    tap: Annotated[
+        Optional[str],  # noqa: UP045 - typer reads it
+        typer.Option(help="Make a symbolic link to a second one, on which `rs485bus sniff` can listen."),
+    ] = None,
 ) -> None:
     """Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted."""
     from rs485bus.cli.process import console, start
@@ -29,4 +33,4 @@ def sim(
         mks = mks or _USUAL
     drives = {"MKS": mks or [], "ZLAC": zlac or [], "TL-R": tlr or []}
     check_once([address for addresses in drives.values() for address in addresses])
-    start(lambda: serve(baudrate, drives, link, console()))
+    start(lambda: serve(baudrate, drives, link, console(), tap))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -41,12 +42,13 @@ def _options(
         raise typer.Exit
 
 
-def main() -> None:
-    """Run the command that the arguments name. What goes wrong outside of a bus is told here."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command that the arguments name, those of the process usually. What goes wrong outside of a bus is told
+    here."""
     from rs485bus.cli.process import tell
 
     try:
-        app()
+        app(arguments)
     except Exception as error:
         if settings.debug or isinstance(error, ModuleNotFoundError):
             raise

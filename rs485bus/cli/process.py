@@ -132,8 +132,9 @@ def tell(error: Exception) -> int:
     errors = Console(stderr=True, highlight=False, soft_wrap=True)
     for text in dict.fromkeys(_words(cause) for cause in told):
         errors.print(text)
-    codes = {_exit_code(cause) for cause in causes}
-    return UNKNOWN if UNKNOWN in codes else max(codes)
+    for note in dict.fromkeys(note for cause in told for note in getattr(cause, "__notes__", ())):
+        errors.print(escape(note))
+    return exit_code(error)
 
 
 def _words(error: Exception) -> str:
@@ -146,6 +147,12 @@ def _words(error: Exception) -> str:
         f"[red]{name}:[/red] {escape(str(error))}\nThis is a mistake in rs485bus. The same command with --debug shows "
         "where; please report that."
     )
+
+
+def exit_code(error: Exception) -> int:
+    """What the command ends with, by the worst of an error's causes."""
+    codes = {_exit_code(cause) for cause in _causes(error)}
+    return UNKNOWN if UNKNOWN in codes else max(codes)
 
 
 def _exit_code(error: Exception) -> int:

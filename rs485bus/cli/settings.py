@@ -20,6 +20,11 @@ class Settings:
     debug: bool = False
     """Show tracebacks."""
 
+    @property
+    def frames(self) -> bool:
+        """Whether each frame is shown."""
+        return self.verbose >= _FRAMES
+
 
 settings = Settings()
 

@@ -10,13 +10,13 @@ from rs485bus.sim import SimDevice
 VIRTUAL = "/dev/ttyUSB0"
 """What the port of a plant file is called that was made of virtual drives."""
 BAUDRATE = 115200
-_USUAL: Mapping[str, Sequence[int]] = {"mks": (1, 2), "tlr": (3,), "zlac": (4,)}
+USUAL: Mapping[str, Sequence[int]] = {"mks": (1, 2), "tlr": (3,), "zlac": (4,)}
 
 
 def virtual_drives(drives: Mapping[str, Sequence[int]] | None = None) -> list[SimDevice]:
     """Some virtual drives, by family and address, that are set to `BAUDRATE`."""
     found = []
-    for family, addresses in (drives or _USUAL).items():
+    for family, addresses in (drives or USUAL).items():
         for address in addresses:
             simulate = families()[family].simulate
             assert simulate is not None

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Awaitable, Iterator, Mapping
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 from types import TracebackType
 from typing import Any, Generic, TypeVar, get_type_hints
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.opening import open_bus
+from rs485bus.bus.record import Record
 from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.devices.axis import Axis
 from rs485bus.devices.zlac import DifferentialDrive
@@ -91,6 +93,8 @@ class Plant:
         """The virtual lines, by the name of their bus; none where the ports are opened."""
         self._watchdogs = watchdogs
         self._open: AsyncExitStack | None = None
+        self._observers: list[Callable[[str, Record], None]] = []
+        self._facades: Mapping[tuple[str, int], Any] = {}
         self.buses: Named[Bus] = Named("bus", {})
         self.axes: Named[Axis] = Named("axis", {})
         self.groups: Named[AxisGroup] = Named("group", {})
@@ -128,6 +132,18 @@ class Plant:
     def __repr__(self) -> str:
         return f"<plant {self.name}: {', '.join(self.file.axes)}>"
 
+    def watch(self, observer: Callable[[str, Record], None]) -> None:
+        """Have `observer` called with each transaction, and the name of its bus, from the opening on.
+
+        To be said before the plant is opened. As for `Bus.subscribe`, it must be quick.
+        """
+        self._observers.append(observer)
+
+    def drive(self, axis: str) -> Any:
+        """The facade of the drive that an axis is on: the axis itself, or the `Zlac8015d` of a wheel."""
+        entry = self.file.axes[axis]
+        return self._facades[entry.bus, entry.address]
+
     def emergency_stop(self) -> Awaitable[dict[str, EmergencyReport]]:
         """Stop every drive on every bus at once. Awaiting it gives the reports, by the names of the buses.
 
@@ -158,12 +174,14 @@ class Plant:
                 else:
                     bus = open_bus(entry.port, **entry.opening)
                 buses[name] = await opening.enter_async_context(bus)
+                for observer in self._observers:
+                    buses[name].subscribe(partial(observer, name))
             built = build(self.file, buses)
+            self._facades = built.facades
             self.buses, self.axes = Named("bus", buses), Named("axis", built.axes)
             self.groups, self.vehicle = Named("group", built.groups), built.vehicle
             if self._watchdogs:
-                for bus_name, timeout, axes in self._guarded():
-                    await opening.enter_async_context(buses[bus_name].watchdog(*axes, timeout=timeout))
+                await opening.enter_async_context(self.guard())
             self._open = opening.pop_all()
         return self
 
@@ -172,14 +190,23 @@ class Plant:
     ) -> bool | None:
         opened, self._open = self._open, None
         assert opened is not None
-        try:
-            if error is None:  # what is queued ends while the watchdogs are still fed
-                for bus in self.buses.values():
-                    await bus.drain()
-        except BaseException as failed:
-            await opened.__aexit__(type(failed), failed, failed.__traceback__)
-            raise
         return await opened.__aexit__(kind, error, trace)
+
+    @asynccontextmanager
+    async def guard(self) -> AsyncIterator[None]:
+        """Guard the axes whose entries have a `watchdog` while a block runs; what is queued at its end is waited for.
+
+        For a plant that was made with `watchdogs=False`.
+
+        Raises:
+            WatchdogInfeasible: the watchdogs cannot be fed in time.
+        """
+        async with AsyncExitStack() as guards:
+            for bus, timeout, axes in self._guarded():
+                await guards.enter_async_context(self.buses[bus].watchdog(*axes, timeout=timeout))
+            yield
+            for bus_open in self.buses.values():
+                await bus_open.drain()
 
     def _guarded(self) -> Iterator[tuple[str, float, list[Axis]]]:
         """Which axes of a bus are to be guarded together: those of one time."""

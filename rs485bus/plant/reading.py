@@ -21,8 +21,13 @@ from rs485bus.plant.problems import Problems, instead
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _RESERVED = frozenset(
-    {"axes", "axis", "buses", "groups", "vehicle", "file", "name", "load", "lines", "emergency_stop", "duration", "rpm"}
-)
+    {"axes", "axis", "buses", "groups", "vehicle", "file", "name", "load", "lines", "drive", "watch", "guard"}
+) | {
+    "emergency_stop",
+    "duration",
+    "rpm",
+    "all",
+}
 """Names that a plant or a group uses itself."""
 _SECTIONS = ("name", "buses", "axes", "groups", "vehicle")
 

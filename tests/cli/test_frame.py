@@ -9,7 +9,7 @@ import pytest
 
 from rs485bus.cli.commands import COMMANDS
 from rs485bus.cli.lazy import load
-from tests.cli.test_cli import call
+from tests.cli.support import invoke
 
 HEAVY = ("pymodbus", "tomlkit", "textual", "matplotlib", "rs485bus.bus", "rs485bus.sim")
 
@@ -44,7 +44,7 @@ def test_the_list_of_commands_says_of_each_what_its_own_help_begins_with(name: s
 
 
 def test_an_unknown_command_is_told_with_the_nearest_one() -> None:
-    result = call("chek")
+    result = invoke("chek")
     assert result.returncode == 2
     assert "Did you mean 'check'" in result.stderr
     assert "Traceback" not in result.stderr
@@ -63,19 +63,19 @@ def test_a_missing_extra_of_one_command_is_named() -> None:
 def test_check_tells_each_mistake_and_ends_with_2(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
     path.write_text('[buses.main]\nport = "COM3"\nbaudrate = 9600\n[axes.x]\nfamily = "mks"\nadress = 1\n')
-    result = call("check", str(path))
+    result = invoke("check", str(path))
     assert result.returncode == 2
     assert f'{path}, line 6: axes.x.adress: there is no such key. Did you mean "address"?' in result.stderr
-    told = json.loads(call("check", "--json", str(path)).stdout)
+    told = json.loads(invoke("check", "--json", str(path)).stdout)
     assert {"line": 6, "field": "axes.x.adress"}.items() <= told[0]["problems"][1].items()
     path.write_text(path.read_text().replace("adress", "address"))
-    result = call("check", str(path))
+    result = invoke("check", str(path))
     assert (result.returncode, result.stderr) == (0, "")
     assert "is right: plant, 1 axes on 1 bus." in result.stdout
 
 
 def test_the_json_schema_knows_the_options_of_each_family() -> None:
-    schema = json.loads(call("check", "--schema").stdout)
+    schema = json.loads(invoke("check", "--schema").stdout)
     mks, zlac, tlr = schema["properties"]["axes"]["additionalProperties"]["anyOf"][:3]
     assert "SR_VFOC" in mks["properties"]["mode"]["enum"]
     assert zlac["properties"]["side"] == {"enum": ["left", "right"]}

@@ -24,6 +24,19 @@ class LazyCommand(NamedTuple):
 
 
 COMMANDS: dict[str, LazyCommand] = {
+    "axis": LazyCommand(
+        "rs485bus.cli.commands.axis:app", "Have one axis do one thing, and wait until it is done.", MOVE
+    ),
+    "estop": LazyCommand(
+        "rs485bus.cli.commands.estop:estop",
+        "Stop every drive as fast as it can, and say which were seen to stand.",
+        MOVE,
+    ),
+    "jog": LazyCommand(
+        "rs485bus.cli.commands.jog:jog",
+        "Turn an axis while a key is held: arrows or a and d turn it, up and down change the speed, q ends it.",
+        MOVE,
+    ),
     "ports": LazyCommand(
         "rs485bus.cli.commands.ports:ports",
         "List the serial ports: what is plugged in, who holds it, and what slows it down.",

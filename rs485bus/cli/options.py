@@ -46,6 +46,7 @@ Watchdog = Annotated[
 ]
 Sim = Annotated[bool, typer.Option("--sim", help="Use virtual drives instead of a port.")]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
+PlantPath = Annotated[Path, typer.Argument(metavar="PLANT.TOML", help="The plant file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 
 

@@ -154,5 +154,5 @@ class OwnerRunner:
         self.blocked(late)
 
     def _set_alarm(self, wake: float) -> None:
-        self._wakes_at = wake
+        self._wakes_at = max(wake, self._loop.time())  # it cannot be late for what has passed
         self._alarm.set(wake, likely=self._owner.pair.job is None)

@@ -15,7 +15,7 @@ from rs485bus.bus.bus import Bus as AsyncBus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.opening import open_bus as open_async_bus
 from rs485bus.bus.port_urls import Backend
-from rs485bus.errors import AddressInUse, BusError
+from rs485bus.errors import BusError
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.timing import Parity
 
@@ -49,7 +49,7 @@ def open_bus(
     )
     calls.depth += 1
     try:
-        bus = Bus._of(Opened(opening))
+        bus = Bus._on(Opened(opening))
     finally:
         calls.depth -= 1
         if calls.pressed and not calls.depth:
@@ -64,20 +64,19 @@ class Bus(_BusFace):
     """
 
     _opened: Opened
-    _made: dict[tuple[type, int], tuple[Face, dict[str, Any]]]
 
     def __init__(self) -> None:
         raise TypeError("A bus is opened: rs485bus.blocking.open_bus(port, baudrate=...)")
 
     @classmethod
-    def _of(cls, opened: Opened) -> Bus:
+    def _on(cls, opened: Opened) -> Bus:
         bus = cls.__new__(cls)
-        bus._opened, bus._made = opened, {}
+        bus._opened = opened
         bus._adopt(opened.bus, opened.loop, None)
         weakref.finalize(bus, opened.forgotten).atexit = False
         return bus
 
-    def mks(self, address: int, **settings: Any) -> Face:
+    def mks(self, address: int, **settings: Any) -> Any:
         """The MKS SERVO drive at an address, 1..247. Settings and errors are those of `MksServo`.
 
         Asked for again, with the same settings or without, it is the same one: a notebook's cell can be run twice.
@@ -86,26 +85,26 @@ class Bus(_BusFace):
 
         return self._axis(MksServo, address, settings)
 
-    def tlr(self, address: int, **settings: Any) -> Face:
+    def tlr(self, address: int, **settings: Any) -> Any:
         """The TL-R stepper at a station, 1..247. Settings and errors are those of `TlrStepper`. As `mks` otherwise."""
         from rs485bus.devices.tlr import TlrStepper
 
         return self._axis(TlrStepper, address, settings)
 
-    def zlac(self, address: int, **settings: Any) -> Face:
+    def zlac(self, address: int, **settings: Any) -> Any:
         """The ZLAC8015D at an address, 1..127, with its two wheels `left` and `right`. Settings and errors are those of
         `Zlac8015d`. As `mks` otherwise."""
         from rs485bus.devices.zlac import Zlac8015d
 
         return self._axis(Zlac8015d, address, settings)
 
-    def group(self, **axes: Face) -> Face:
+    def group(self, **axes: Face) -> Any:
         """Axes that move together, each by a name of its own. Errors are those of `AxisGroup`."""
         from rs485bus.group import AxisGroup
 
         return face_class(AxisGroup)(**axes)
 
-    def vehicle(self, zlac: Face, wheel_radius: float, track: float, **settings: Any) -> Face:
+    def vehicle(self, zlac: Face, wheel_radius: float, track: float, **settings: Any) -> Any:
         """A vehicle on the two wheels of a ZLAC8015D. Arguments and errors are those of `DifferentialDrive`."""
         from rs485bus.devices.zlac import DifferentialDrive
 
@@ -148,22 +147,11 @@ class Bus(_BusFace):
         }
         return table(repr(self).strip("<>"), {"load": f"{100 * stats.load:.1f} % of the time", **rows})
 
-    def _stop_by_interrupts(self, axis: Any) -> None:
-        self._opened.axes.append(axis)
+    def _new(self, cls: type, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
+        return self._loop.call(self._opened.make, cls, *arguments, **keywords)
 
-    def _axis(self, family: type, address: int, settings: dict[str, Any]) -> Face:
-        known = self._made.get((family, address))
-        if known is None:
-            axis = face_class(family)(self, address, **settings)
-            self._made[family, address] = axis, settings
-            return axis
-        axis, former = known
-        if settings and settings != former:
-            raise AddressInUse(
-                f"{axis!r} was made already, with other settings: {former or 'the usual ones'}. Use that one, or close "
-                "the bus and open it anew."
-            )
-        return axis
+    def _axis(self, family: type, address: int, settings: dict[str, Any]) -> Any:
+        return self._call(self._opened.axis, family, address, settings)
 
 
 register(AsyncBus, Bus)

@@ -44,13 +44,33 @@ class Stoppable(Protocol):
         """Wait until they were seen standing, in bounded time, or until `give_up` says so."""
 
 
+class _Handler:
+    """Handles SIGINT in the place of another handler.
+
+    Each knows its own former one. A notebook puts the handler that held between two cells aside, and back after the
+    cell; what was put in place meanwhile is gone then.
+    """
+
+    def __init__(self, former: Any, pressed: Callable[[Callable[[], None], FrameType | None], None]) -> None:
+        self.former = former
+        self._pressed = pressed
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        self._pressed(self._hand_on, frame)
+
+    def _hand_on(self) -> None:
+        if callable(self.former):
+            self.former(signal.SIGINT, None)
+
+
 class _Interrupts:
     """SIGINT, of this process."""
 
     def __init__(self) -> None:
-        self._former: Any = None
         self._buses: tuple[Stoppable, ...] = ()
         self._main = threading.main_thread().ident
+        self._put_off: Callable[[], None] | None = None
+        """What Ctrl-C does when it takes effect."""
 
     def add(self, bus: Stoppable) -> None:
         """Have Ctrl-C stop the axes of a bus."""
@@ -64,17 +84,22 @@ class _Interrupts:
         if self._buses:
             return
         _follow_cells(False)
-        if threading.get_ident() == self._main and signal.getsignal(signal.SIGINT) == self._handle:
-            signal.signal(signal.SIGINT, self._former)
+        handler = signal.getsignal(signal.SIGINT)
+        if threading.get_ident() == self._main and isinstance(handler, _Handler):
+            signal.signal(signal.SIGINT, handler.former)
 
     def watch(self) -> None:
         """Handle SIGINT from now on. Others may have taken it over meanwhile, as a notebook does before each cell."""
         if threading.get_ident() != self._main or not self._buses:
             return
         handler = signal.getsignal(signal.SIGINT)
-        if handler != self._handle and handler is not None:
-            self._former = handler
-            signal.signal(signal.SIGINT, self._handle)
+        if not isinstance(handler, _Handler) and handler is not None:
+            signal.signal(signal.SIGINT, _Handler(handler, self._pressed))
+
+    def only_stop(self) -> None:
+        """From now on SIGINT stops motors and does nothing else, until somebody sets a handler."""
+        if threading.get_ident() == self._main and self._buses:
+            signal.signal(signal.SIGINT, _Handler(signal.SIG_IGN, self._pressed))
 
     def take_effect(self) -> None:
         """It was put off: see the motors stand, then do what it would have done. Pressed again, it does so at once.
@@ -89,20 +114,19 @@ class _Interrupts:
                 bus.see_standing(lambda: calls.pressed > pressed)
         finally:
             calls.depth -= 1
-        self._hand_on()
-
-    def _hand_on(self) -> None:
         calls.pressed = 0
-        if callable(self._former):
-            self._former(signal.SIGINT, None)
+        hand_on, self._put_off = self._put_off, None
+        if hand_on is not None:
+            hand_on()
 
-    def _handle(self, number: int, frame: FrameType | None) -> None:
+    def _pressed(self, hand_on: Callable[[], None], frame: FrameType | None) -> None:
         for bus in self._buses:
             bus.stop_soon()
         if calls.depth or _leaves_a_block(frame):
             calls.pressed += 1
+            self._put_off = hand_on
         else:
-            self._hand_on()
+            hand_on()
 
 
 def _leaves_a_block(frame: FrameType | None) -> bool:
@@ -119,13 +143,14 @@ def _follow_cells(follow: bool) -> None:
     shell = None if ipython is None else ipython.get_ipython()
     if shell is None:
         return
-    for event, callback in (("pre_run_cell", _before_cell), ("post_run_cell", _after_cell)):
+    hooks: dict[str, Callable[[object], None]] = {"pre_run_cell": _before_cell}
+    if hasattr(shell, "kernel"):
+        hooks["post_run_cell"] = _after_cell
+    for event, callback in hooks.items():
         with contextlib.suppress(ValueError):  # it is not registered
             shell.events.unregister(event, callback)
         if follow:
             shell.events.register(event, callback)
-    if follow:
-        _after_cell(None)
 
 
 def _before_cell(info: object) -> None:
@@ -133,5 +158,8 @@ def _before_cell(info: object) -> None:
 
 
 def _after_cell(result: object) -> None:
-    with contextlib.suppress(RuntimeError):  # plain IPython has no loop that runs between cells
+    """What is left of the cell is the kernel's own work, which must not be interrupted. Afterwards it puts its handler
+    back, which ignores the signal; motors are to stop all the same."""
+    interrupts.only_stop()
+    with contextlib.suppress(RuntimeError):
         asyncio.get_running_loop().call_later(_AFTER_A_CELL, interrupts.watch)

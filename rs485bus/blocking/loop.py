@@ -32,8 +32,8 @@ class Call:
         self._function = function
         self._arguments = arguments
         self._keywords = keywords
+        self._coroutine: Coroutine[Any, Any, Any] | None = None
         self._task: asyncio.Task[None] | None = None
-        self._cancelled = False
         self.result: Any = None
         self.error: BaseException | None = None
         self.ended = _thread.allocate_lock()
@@ -48,17 +48,18 @@ class Call:
         except BaseException as error:
             self.error = error
         else:
-            if isinstance(result, CoroutineType) and not self._cancelled:
+            if isinstance(result, CoroutineType):
+                self._coroutine = result
                 self._task = asyncio.get_running_loop().create_task(self._finish(result))
                 return
             self.result = result
         self._end()
 
     def cancel(self) -> None:
-        """Give up what is awaited. In the loop's thread."""
-        self._cancelled = True
+        """Give up what is awaited. In the loop's thread, after it has begun."""
         if self._task is not None:
             self._task.cancel()
+            self._task.add_done_callback(self._cancelled)
 
     def without_loop(self) -> Any:
         """Its result, where nothing is to be waited for: what a bus that was closed has counted, say.
@@ -86,9 +87,16 @@ class Call:
         finally:
             self._end()
 
+    def _cancelled(self, task: asyncio.Task[None]) -> None:
+        """One that had not had its first turn has none then."""
+        if task.cancelled() and self._coroutine is not None:
+            self._coroutine.close()
+            self._end()
+
     def _end(self) -> None:
         self._waited_for.discard(self)
-        self.ended.release()
+        if self.ended.locked():
+            self.ended.release()
 
 
 class LoopThread:

@@ -53,19 +53,13 @@ class Face:
         source = next((given for given in (*arguments, *keywords.values()) if isinstance(given, Face)), None)
         if source is None:
             raise TypeError(f"{type(self).__name__}() needs a bus of rs485bus.blocking, or an axis of one")
-        self._make(source, arguments, keywords)
-
-    def _make(self, source: Face, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> None:
-        made = _MADE_FROM[type(self)]
-        inner = source._loop.call(made, *source._inner_of(arguments), **source._inner_of(keywords))
+        inner = source._new(_MADE_FROM[type(self)], source._inner_of(arguments), source._inner_of(keywords))
         self._adopt(inner, source._loop, source)
-        if hasattr(inner, "emergency_stop") and hasattr(inner, "bus"):
-            source._stop_by_interrupts(inner)
 
-    def _stop_by_interrupts(self, axis: Any) -> None:
-        """Have Ctrl-C stop an axis that was made from this."""
-        if isinstance(self._source, Face):
-            self._source._stop_by_interrupts(axis)
+    def _new(self, cls: type, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Any:
+        """An instance of a class, made on the bus that this came from."""
+        assert isinstance(self._source, Face)
+        return self._source._new(cls, arguments, keywords)
 
     def _adopt(self, inner: Any, loop: LoopThread, source: object) -> None:
         """Be the face of `inner` from now on."""
@@ -102,7 +96,7 @@ class Face:
             return value
         if lives(kind):
             face = _faces.get(id(value))
-            return face if face is not None and face._inner is value else self._new(face_class(kind), value)
+            return face if face is not None and face._inner is value else self._of(face_class(kind), value)
         if kind in (list, tuple):
             return kind(map(self._answer, value))
         if kind in (dict, MappingProxyType):
@@ -110,7 +104,7 @@ class Face:
         if hasattr(kind, "__anext__"):
             return Stream(value, self)
         if hasattr(kind, "__aenter__"):
-            return self._new(Context, value)
+            return self._of(Context, value)
         if kind in (FunctionType, MethodType):
             return functools.wraps(value)(functools.partial(self._call, value))
         return value
@@ -130,7 +124,7 @@ class Face:
             return lambda *given: self._inner_of(value(*map(self._answer, given)))
         return value
 
-    def _new(self, face: type[Face], inner: Any) -> Face:
+    def _of(self, face: type[Face], inner: Any) -> Face:
         made = face.__new__(face)
         made._adopt(inner, self._loop, self)
         return made

@@ -17,7 +17,7 @@ from rs485bus.blocking.loop import Call, shared_loop
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.opening import Opening
-from rs485bus.errors import BusError
+from rs485bus.errors import AddressInUse, BusError
 
 
 class Opened:
@@ -31,22 +31,48 @@ class Opened:
     """
 
     def __init__(self, opening: Opening) -> None:
-        self._block = Block(opening)
-        self.loop = shared_loop.borrow()
-        try:
-            self.bus: Bus = self.loop.carry_out(Call(self._block.enter, (), {}))
-        except BaseException:
-            if self._block.entered:
-                self.leave(None, None, None)
-            shared_loop.give_back(self.loop)
-            raise
         self.axes: list[Any] = []
         """Those to be stopped by Ctrl-C."""
+        self._made: dict[tuple[type, int], tuple[Any, dict[str, Any]]] = {}
+        """Axes by their families and addresses, with the settings that they were made with."""
+        self._block = Block(opening)
         self._stops: list[Handle[Any]] = []
         self._process = os.getpid()
         self._closed = False
-        interrupts.add(self)
+        interrupts.add(self)  # from here on Ctrl-C is put off until the bus is open
+        self.loop = shared_loop.borrow()
         atexit.register(self.close)
+        try:
+            self.bus: Bus = self.loop.carry_out(Call(self._block.enter, (), {}))
+        except BaseException as error:
+            if self._block.entered:
+                self.leave(type(error), error, error.__traceback__)
+            else:
+                self._end()
+            raise
+
+    def make(self, cls: type, *arguments: Any, **keywords: Any) -> Any:
+        """An instance of a class. In the loop's thread."""
+        made = cls(*arguments, **keywords)
+        if hasattr(made, "emergency_stop") and hasattr(made, "bus"):
+            self.axes.append(made)
+        return made
+
+    def axis(self, family: type, address: int, settings: dict[str, Any]) -> Any:
+        """The axis of a family at an address: a new one, or the one that was made before. In the loop's thread, so
+        that Ctrl-C cannot come between its making and its being known."""
+        known = self._made.get((family, address))
+        if known is None:
+            axis = self.make(family, self.bus, address, **settings)
+            self._made[family, address] = axis, settings
+            return axis
+        axis, former = known
+        if settings and settings != former:
+            raise AddressInUse(
+                f"{axis.name} was made already, with other settings: {former or 'the usual ones'}. Use that one, or "
+                "close the bus and open it anew."
+            )
+        return axis
 
     def leave(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Close it as a block does: after queued moves, or at once where the block is left by an exception."""
@@ -60,7 +86,7 @@ class Opened:
         """Close it now: stop every axis that may move, see it stand, release the watchdogs."""
         if not self._closed and self._process == os.getpid():
             try:
-                self.loop.carry_out(Call(self.bus.aclose, (), {"leave_running": leave_running}), patient=True)
+                self.loop.carry_out(Call(self._close, (leave_running,), {}), patient=True)
             finally:
                 self._end()
 
@@ -76,10 +102,13 @@ class Opened:
 
     def stop_soon(self) -> None:
         """Have all axes stopped. From a signal handler."""
-        self.loop.post(self._stop)
+        if self.axes:
+            self.loop.post(self._stop)
 
     def see_standing(self, give_up: Callable[[], bool]) -> None:
         """Wait until the stops of Ctrl-C are confirmed, no longer than closing would take."""
+        if not self.axes:
+            return
         with contextlib.suppress(BusError, TimeoutError):
             self.loop.carry_out(Call(self._stand, (), {}), patient=True, give_up=give_up)
 
@@ -102,8 +131,14 @@ class Opened:
         atexit.unregister(self.close)
         shared_loop.give_back(self.loop)
 
+    async def _close(self, leave_running: bool | None) -> None:
+        try:
+            await self.bus.aclose(leave_running=leave_running)
+        finally:
+            await self._block.leave(GeneratorExit, GeneratorExit(), None)
+
     async def _close_and_give_back(self) -> None:
         try:
-            await self.bus.aclose()
+            await self._close(None)
         finally:
             shared_loop.give_back(self.loop)

@@ -273,7 +273,7 @@ class Stub:
         for name in ("group", "vehicle", "close"):
             text = self._function("rs485bus.blocking.bus", getattr(face.Bus, name), "    ")
             lines.append(
-                text.replace("-> Face", {"group": "-> AxisGroup", "vehicle": "-> DifferentialDrive"}.get(name, ""))
+                text.replace("-> Any", {"group": "-> AxisGroup", "vehicle": "-> DifferentialDrive"}.get(name, ""))
                 .replace("axes: Face", "axes: Axis")
                 .replace("zlac: Face", "zlac: Zlac8015d")
             )

@@ -1,0 +1,258 @@
+"""Ctrl-C at random moments, in blocking scripts and in a notebook's cells, on virtual drives.
+
+python -m tests.blocking.ctrl_c --scripts 5000 --cells 5000 --seed 1
+
+A script opens a bus, arms watchdogs, moves and asks, in virtual time. A cell does so in a kernel of Jupyter's, run by
+nbclient, in real time; it is interrupted as the notebook's button does, now and then when it has ended already. After
+each, every motor stands, every watchdog is off, nothing hangs, and no thread is left.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import faulthandler
+import os
+import random
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from rs485bus import blocking
+from rs485bus.errors import MotionError
+from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
+from tests.blocking.support import virtual_time
+
+HANGS = 20.0
+"""Seconds after which a script is taken to hang."""
+
+
+def moves(bus: blocking.Bus) -> None:
+    """Two axes move, one after the other and at once, and are asked where they are."""
+    x, y = bus.mks(1), bus.tlr(4)
+    x.enable()
+    y.enable()
+    x.move_to(2, rpm=600)
+    y.move_to(1).wait()
+    for _ in x.move_by(-1).positions(every=0.05):
+        y.position()
+    x.run(300).wait()
+    x.stop().wait()
+
+
+def guarded(bus: blocking.Bus) -> None:
+    """Moves in blocks: of a watchdog, of a move."""
+    x, base = bus.mks(1), bus.zlac(3)
+    with bus.watchdog(x, base, timeout=1.0, lease=5.0) as guard:
+        x.enable()
+        base.enable()
+        with x.move_to(1) as move:
+            guard.renew()
+            base.run(30, 30).wait()
+        move.wait()
+        base.stop().wait()
+        guard.report()
+
+
+def grouped(bus: blocking.Bus) -> None:
+    """A group arrives together."""
+    x, y = bus.mks(1), bus.mks(2)
+    group = bus.group(x=x, y=y)
+    with bus.watchdog(x, y, timeout=1.0):
+        group.enable().wait()
+        group.move_to(x=2, y=1, duration=1.0).wait()
+        group.move_by(x=-1, y=1)
+        group.positions()
+
+
+def computing(bus: blocking.Bus) -> None:
+    """A motor turns while the program does something else."""
+    x = bus.mks(1)
+    x.enable().wait()
+    x.run(300)
+    x.position()
+    until = time.perf_counter() + 0.02
+    while time.perf_counter() < until:
+        sum(range(100))
+    x.stop()
+
+
+SCRIPTS: tuple[Callable[[blocking.Bus], None], ...] = (moves, guarded, grouped, computing)
+
+
+class Plant:
+    """Four virtual drives on a line."""
+
+    def __init__(self) -> None:
+        mks, zlac, tlr = (SimMks(1), SimMks(2)), SimZlac(3, watchdog=0), SimTlr(4)
+        self._watched = (*mks, zlac)
+        self._moving = (*mks, tlr, *(wheel.motor for wheel in zlac.wheels))
+        self.line = VirtualLine(*mks, zlac, tlr)
+
+    def wrong(self, now: float) -> list[str]:
+        """What is not as it should be when a program was interrupted."""
+        turning = [f"{type(motor).__name__} turns" for motor in self._moving if motor.moving(now)]
+        watched = [f"{type(drive).__name__} is watched" for drive in self._watched if drive.watchdog_ms]
+        return turning + watched
+
+
+@contextlib.contextmanager
+def interrupted(after: float) -> Iterator[None]:
+    """Ctrl-C, so many seconds from now, unless the block was left before."""
+    left = threading.Event()
+    main = threading.get_ident()
+
+    def press() -> None:
+        if not left.wait(after):
+            signal.pthread_kill(main, signal.SIGINT)
+
+    thread = threading.Thread(target=press)
+    thread.start()
+    try:
+        yield
+    finally:
+        left.set()
+        thread.join()
+
+
+def run_script(script: Callable[[blocking.Bus], None], after: float) -> str:
+    """Run one that is interrupted. Returns "done" or "interrupted", or what went wrong."""
+    plant = Plant()
+    faulthandler.dump_traceback_later(HANGS, exit=True)
+    ended = "done"
+    begun = time.monotonic()
+    loop: asyncio.AbstractEventLoop | None = None
+    try:
+        with interrupted(after), blocking.open_bus(plant.line) as bus:
+            loop = bus._loop.loop  # type: ignore[attr-defined] # whose clock it is
+            script(bus)
+    except KeyboardInterrupt:
+        ended = "interrupted"
+    faulthandler.cancel_dump_traceback_later()
+    wrong = [] if loop is None else plant.wrong(loop.time())
+    if time.monotonic() - begun - after > HANGS:
+        wrong.append("took too long to end")
+    for thread in threading.enumerate():
+        if thread.name == "rs485bus":  # Ctrl-C came before the block was entered: the bus is closed as nobody has it
+            thread.join(5)
+            wrong += ["its thread goes on"] * thread.is_alive()
+    return ", ".join(wrong) or ended
+
+
+def run_scripts(count: int, seed: int) -> Counter[str]:
+    """Run so many scripts, each interrupted at a moment of its own. Returns how they ended."""
+    draw = random.Random(seed)
+    ends: Counter[str] = Counter()
+    with virtual_time():
+        lasts = {}
+        for script in SCRIPTS:
+            begun = time.perf_counter()
+            run_script(script, 3600)
+            lasts[script] = time.perf_counter() - begun
+        for _ in range(count):
+            script = draw.choice(SCRIPTS)
+            ends[run_script(script, draw.uniform(0, 1.1 * lasts[script]))] += 1
+    return ends
+
+
+# In a kernel
+
+PLANT = Plant()
+BUS: blocking.Bus | None = None
+
+
+def cell(which: int) -> None:
+    """What a cell does: with a bus that stays open from cell to cell, or with one of its own."""
+    global BUS  # noqa: PLW0603 - as a notebook's variables are
+    print("begun", flush=True)
+    if BUS is None or BUS.closed:
+        BUS = blocking.open_bus(PLANT.line)
+    x = BUS.mks(1)
+    x.enable()
+    x.run(300)
+    if which == 0:
+        x.move_to(0.2 if x.position() < 0.1 else 0, rpm=1500, acceleration=20000).wait()
+    elif which == 1:
+        with BUS.watchdog(x, timeout=1.0):
+            x.run(200).wait()
+            time.sleep(0.02)
+            x.stop().wait()
+    elif which == 2:
+        x.run(200)
+        time.sleep(0.02)
+        x.stop()
+    else:
+        BUS.close()
+        time.sleep(0.2)  # with no bus open, a signal after the cell would meet the kernel's own work
+
+
+def seen(now: Callable[[], float] = time.monotonic) -> str:
+    """What is wrong a moment after a cell was left, whether it was interrupted or not."""
+    until = time.monotonic() + 3
+    while (wrong := PLANT.wrong(now())) and time.monotonic() < until:
+        time.sleep(0.01)
+    if BUS is not None and not BUS.closed:
+        with contextlib.suppress(MotionError):
+            BUS.mks(1).stop().wait(5)
+    return ", ".join(wrong) or "fine"
+
+
+async def run_cells(count: int, seed: int) -> Counter[str]:
+    """Run so many cells in a kernel, each interrupted at a moment of its own. Returns how they ended."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    draw = random.Random(seed)
+    ends: Counter[str] = Counter()
+    notebook = nbformat.v4.new_notebook()
+    client = NotebookClient(notebook, timeout=60, allow_errors=True, resources={"metadata": {"path": str(_ROOT)}})
+    number = 0
+
+    async def execute(source: str, after: float | None = None) -> str:
+        nonlocal number
+        notebook.cells[:] = [nbformat.v4.new_code_cell(source)]
+        number += 1
+        run = asyncio.ensure_future(client.async_execute_cell(notebook.cells[0], 0, execution_count=number))
+        if after is not None:
+            while not notebook.cells[0].outputs:  # noqa: ASYNC110 - nbclient tells nobody
+                await asyncio.sleep(0.001)  # before, a signal meets the kernel's own work
+            await asyncio.sleep(after)
+            await client.km.interrupt_kernel()
+        outputs = (await run).outputs
+        said = (output.get("text", "") or output.get("ename", "") for output in outputs)
+        return "".join(said).removeprefix("begun\n")
+
+    async with client.async_setup_kernel(env={**os.environ, "PYTHONPATH": str(_ROOT)}):
+        assert not await execute("from tests.blocking import ctrl_c")
+        for _ in range(count):
+            ended = await execute(f"ctrl_c.cell({draw.randrange(4)})", draw.uniform(0.0, 0.15))
+            said = await execute("print(ctrl_c.seen(), end='')")
+            ends[(ended or "done") if said == "fine" else said] += 1
+    return ends
+
+
+_ROOT = Path(__file__).parent.parent.parent
+
+
+def main() -> None:
+    """Run the campaign, and say how all of it ended."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scripts", type=int, default=100)
+    parser.add_argument("--cells", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    begun = time.monotonic()
+    for what, ends in (
+        ("scripts", run_scripts(given.scripts, given.seed)),
+        ("cells", asyncio.run(run_cells(given.cells, given.seed)) if given.cells else Counter()),
+    ):
+        print(f"{sum(ends.values())} {what}: {', '.join(f'{n} {end}' for end, n in ends.most_common())}", flush=True)
+    print(f"{time.monotonic() - begun:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

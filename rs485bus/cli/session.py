@@ -11,12 +11,16 @@ from pathlib import Path
 from rs485bus.bench.scan import Format, recognise
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.opening import open_bus
 from rs485bus.cli.process import WrongUse
 from rs485bus.cli.settings import settings
-from rs485bus.cli.virtual import BAUDRATE, USUAL, VIRTUAL
+from rs485bus.cli.virtual import BAUDRATE, USUAL, VIRTUAL, virtual_drives
 from rs485bus.errors import BusError, DeviceOffline, DeviceRefused, NoReply, OutcomeUnknown, RequestFailed
 from rs485bus.plant import AxisEntry, BusEntry, Plant, PlantFile, families
+from rs485bus.plant.building import virtual_lines
 from rs485bus.plant.problems import instead
+from rs485bus.sim import VirtualLine
+from rs485bus.transport.interface import Transport
 
 _log = logging.getLogger("rs485bus")
 
@@ -58,6 +62,20 @@ class Where:
         if self.port is not None and not named:
             raise WrongUse(f"Say which drives are on {self.port}: --mks 1, --tlr 2, --zlac 3. rs485bus scan finds out.")
         return self._named(named or {family: list(some) for family, some in USUAL.items()})
+
+    def line(self, bus_name: str | None) -> tuple[BusEntry, Transport | None]:
+        """One bus, and its virtual line if it is to be virtual. Raises as `file`."""
+        if self.port is not None:
+            return BusEntry(port=self.port, baudrate=self.baudrate), None
+        if self.sim and self.plant is None:
+            return BusEntry(port=VIRTUAL, baudrate=BAUDRATE), VirtualLine(*virtual_drives(), baudrate=BAUDRATE)
+        file = self.file()
+        if bus_name is None and len(file.buses) > 1:
+            raise WrongUse(f"Say which bus: --bus {' or --bus '.join(file.buses)}.")
+        name = bus_name or next(iter(file.buses))
+        if name not in file.buses:
+            raise WrongUse(f"There is no bus {name!r}{instead(name, file.buses)}")
+        return file.buses[name], virtual_lines(file)[name] if self.sim else None
 
     def _named(self, drives: Mapping[str, list[int]]) -> PlantFile:
         """A plant of the drives named: mks5, tlr4, zlac3.left."""
@@ -101,6 +119,22 @@ async def open_plant(where: Where, *, watchdogs: bool = True) -> AsyncIterator[P
         except Exception as error:
             await _add_advice(plant, error)
             raise
+
+
+@asynccontextmanager
+async def open_line(where: Where, bus_name: str | None = None) -> AsyncIterator[Bus]:
+    """Open one bus, without its axes.
+
+    Raises:
+        PlantFileError, WrongUse: the options do not say which.
+        PortError: the port cannot be opened.
+    """
+    entry, line = where.line(bus_name)
+    opening = open_bus(entry.port, **entry.opening) if line is None else open_bus(line, config=entry.config)
+    async with opening as bus:
+        if settings.frames:
+            bus.subscribe(lambda record: _log.debug("%s", record))
+        yield bus
 
 
 def axis_named(file: PlantFile, name: str) -> str:

@@ -37,6 +37,14 @@ COMMANDS: dict[str, LazyCommand] = {
         "Turn an axis while a key is held: arrows or a and d turn it, up and down change the speed, q ends it.",
         MOVE,
     ),
+    "read": LazyCommand(
+        "rs485bus.cli.commands.raw:read", "Read registers or coils of any Modbus device, with types.", FIND
+    ),
+    "write": LazyCommand(
+        "rs485bus.cli.commands.raw:write_app",
+        "Write registers or coils of any Modbus device, with types. It is sent once.",
+        FIND,
+    ),
     "ports": LazyCommand(
         "rs485bus.cli.commands.ports:ports",
         "List the serial ports: what is plugged in, who holds it, and what slows it down.",

@@ -11,6 +11,8 @@ from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+import anyio
+
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.opening import open_bus
@@ -27,6 +29,8 @@ RATES = (38400, 115200, 9600, 19200, 57600, 256000, 128000)
 ADDRESSES = range(1, 248)
 _QUICK = 0.010
 """Seconds after which an answer has usually begun."""
+_FEW, _FEW_WAIT = 32, 0.03
+"""So few addresses can be waited for longer."""
 _PATIENT = 0.1
 _LOOKS_BACK = 0.1
 """Seconds within which somebody was asked whose late answer may have met the next question."""
@@ -201,7 +205,8 @@ class _Look:
         self._tell = tell
         self._done_before, self._seconds_before = progress.done, progress.seconds
         self._began = bus.now()
-        self._quick = _QUICK
+        self._quick = _QUICK if len(self._addresses) > _FEW else _FEW_WAIT
+        self._strays = 0
         self._mysteries = 0
         self._asked: list[tuple[float, int]] = []
         """When each address was last asked."""
@@ -223,6 +228,11 @@ class _Look:
                     for late, garbled in await self._patiently(address, sign, there):
                         there.add(late)
                         yield late, garbled
+            await anyio.sleep(_PATIENT)
+            if self._heard_more():
+                for late, garbled in await self._patiently(self._addresses[-1], sign, there):
+                    there.add(late)
+                    yield late, garbled
 
     async def _patiently(self, address: int, sign: Sign, there: set[int]) -> list[tuple[int, bool]]:
         """Something was heard that was no answer: find those to which it belongs, and whether they are garbled."""
@@ -258,18 +268,21 @@ class _Look:
     async def _hears(self, address: int, sign: Sign, wait: float) -> bool | None:
         """Whether somebody answers there; None if something was heard that is no answer."""
         self._asked = [*self._asked[-100:], (self._bus.now(), address)]
-        strays = self._strays()
         try:
             await ask(self._bus, address, sign, wait)
         except DeviceRefused:
             return True
         except (NoReply, DeviceOffline):
-            return None if self._strays() > strays else False
+            return None if self._heard_more() else False
         return True
 
-    def _strays(self) -> int:
-        units = self._bus.stats.units.values()
-        return sum(unit.stray_bytes + unit.late_replies for unit in units)
+    def _heard_more(self) -> bool:
+        """Whether something was heard since this was last asked that is no answer in time."""
+        before, self._strays = (
+            self._strays,
+            sum(unit.stray_bytes + unit.late_replies for unit in self._bus.stats.units.values()),
+        )
+        return self._strays > before
 
 
 def _signs_by(function: int) -> list[Sign]:

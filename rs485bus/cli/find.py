@@ -83,7 +83,7 @@ async def run_scan(
     )
     out = Console(stderr=True, highlight=False) if as_json else console()
     try:
-        await _watched(scan, out)
+        await say_progress(scan, out)
     except asyncio.CancelledError:
         _show(scan, as_json, out, "Interrupted: this was found so far.")
         raise
@@ -111,7 +111,8 @@ def parse_addresses(text: str) -> list[int]:
     return sorted(found)
 
 
-async def _watched(scan: Scan, out: Console) -> None:
+async def say_progress(scan: Scan, out: Console) -> None:
+    """Run a scan; on a terminal, show how far it is."""
     if not out.is_terminal:
         await scan.run()
         return

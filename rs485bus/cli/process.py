@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -56,6 +57,31 @@ def console() -> Output:
     return Output(highlight=False)
 
 
+@contextmanager
+def _asking() -> Iterator[None]:
+    """Have Ctrl-C end a question, as it does outside of `run`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+def agrees(question: str) -> bool:
+    """Ask for a yes. Nothing may move meanwhile: the event loop waits."""
+    with _asking():
+        return typer.confirm(question)
+
+
+def ask_number(question: str, usual: int) -> int:
+    """Ask for a number. Nothing may move meanwhile: the event loop waits."""
+    with _asking():
+        return int(typer.prompt(question, default=usual, type=int))
+
+
 def start(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> NoReturn:
     """Run a coroutine, and end the command with the exit code that it returns."""
     raise typer.Exit(run(make, virtual=virtual))
@@ -97,6 +123,9 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) 
     except asyncio.CancelledError:
         if not signalled:
             raise
+        return INTERRUPTED
+    except typer.Abort:
+        print("Interrupted.", file=sys.stderr)
         return INTERRUPTED
     except Exception as error:
         if settings.debug:

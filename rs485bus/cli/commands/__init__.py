@@ -37,6 +37,11 @@ COMMANDS: dict[str, LazyCommand] = {
         "Turn an axis while a key is held: arrows or a and d turn it, up and down change the speed, q ends it.",
         MOVE,
     ),
+    "setup": LazyCommand(
+        "rs485bus.cli.commands.setup:setup",
+        "Give a new drive, alone on the pair, its address and its baud rate.",
+        FIND,
+    ),
     "read": LazyCommand(
         "rs485bus.cli.commands.raw:read", "Read registers or coils of any Modbus device, with types.", FIND
     ),

@@ -1,0 +1,64 @@
+"""`rs485bus setup`, as a user runs it."""
+
+import pytest
+import typer
+
+from rs485bus.cli import process
+from rs485bus.sim import SimMks
+from tests.cli.support import invoke, serving
+from tests.real.support import posix
+
+
+@posix
+def test_a_drive_gets_its_address_in_real_time() -> None:
+    sim = SimMks(1)
+    with serving(sim, baudrate=38400) as port:
+        result = invoke("setup", port, "-b", "38400", "--address", "1", "--new-address", "4", "--yes")
+    assert result.returncode == 0, result.said
+    assert "Done: address 4 at 38400 bit/s. Write it on the drive." in result.said
+    assert sim.address == 4
+
+
+def test_each_change_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def confirm(question: str) -> bool:
+        asked.append(question)
+        return "baud rate" not in question
+
+    monkeypatch.setattr(typer, "confirm", confirm)
+    monkeypatch.setattr(typer, "prompt", lambda question, default, type: 9 if "address" in question else default)  # noqa: A006
+    result = invoke("setup", "--sim")
+    assert result.returncode == 1
+    assert asked == [
+        "Is the drive alone on the virtual pair, and does its motor stand?",
+        "Change its address from 1 to 9?",
+        "Change its baud rate from 38400 to 115200?",
+    ]
+    assert "It was left as it is. Nothing more was changed." in result.said
+
+
+def test_an_interrupted_question_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(question: str) -> bool:
+        raise typer.Abort
+
+    monkeypatch.setattr(typer, "confirm", interrupted)
+    result = invoke("setup", "--sim")
+    assert (result.returncode, result.stderr) == (process.INTERRUPTED, "Interrupted.\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("setup",), 2, "Say which port"),
+        (("setup", "--sim", "--yes"), 2, "nobody is asked"),
+        (("setup", "--sim", "--yes", "--new-baudrate", "1200"), 1, "MKS SERVO drives have 9600"),
+        (("setup", "--sim", "--yes", "-b", "9600", "--address", "3", "--new-address", "5"), 1, "--modbus-on"),
+        (("setup", "/dev/ttyNOPE", "--yes", "--new-address", "5", "-b", "9600"), 4, "There is no port"),
+    ],
+)
+def test_what_is_wrong_is_told_with_what_to_do(arguments: tuple[str, ...], code: int, words: str) -> None:
+    result = invoke(*arguments)
+    assert words in result.said
+    assert result.returncode == code
+    assert "Traceback" not in result.stderr

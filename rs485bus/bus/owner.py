@@ -288,9 +288,7 @@ class Owner:
         """End everything that waits, whoever waits for it."""
         self._clock.now = now
         self.gate.closing = self.gate.closed = True
-        for unit in self.units:
-            if unit.halt is not None:
-                unit.halt.end()
+        self.stops.end_all()
         if self.pair.job is not None:
             self._attempts.unanswered("lost")
         sent = now >= self.pair.air_end

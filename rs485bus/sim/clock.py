@@ -62,3 +62,7 @@ class VirtualClockLoop(asyncio.SelectorEventLoop):
     def hold(self, held: Callable[[], bool]) -> None:
         """No time passes while `held` says so, and nothing happens: until another thread calls into the loop."""
         self._jumping.held = held
+
+    def block(self, seconds: float) -> None:
+        """Let time pass in which nothing runs: the computer is busy with something else."""
+        self._jumping.now += seconds

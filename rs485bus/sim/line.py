@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterator
 
 from rs485bus.sim.device import SimDevice
 from rs485bus.sim.noise import Noise
-from rs485bus.wire.frames import crc
+from rs485bus.sim.treatment import PLAIN, Treatment
+from rs485bus.wire.frames import BROADCAST, crc
 from rs485bus.wire.timing import LineSettings
 
 _EPSILON = 1e-6
@@ -70,6 +71,8 @@ class VirtualPair:
         """Times that two talked at once."""
         self.ears: list[Callable[[bytes, float], None]] = []
         """Who else listens: called with a few bytes, whoever sent them, and the time."""
+        self.script: Callable[[bytes, float], Treatment] | None = None
+        """Says what becomes of each whole frame, beside the noise."""
         self._rng = random.Random(seed)
         self._events: list[tuple[float, int, Callable[[float], None]]] = []
         self._number = itertools.count()
@@ -158,7 +161,8 @@ class VirtualPair:
             return
         frame, spoilt = bytes(self._frame), self._spoilt
         self._frame = bytearray()
-        if spoilt or self._chance(self.noise.lost_request):
+        treatment = PLAIN if self.script is None else self.script(frame, now)
+        if spoilt or not treatment.heard or self._chance(self.noise.lost_request):
             return
         if self._chance(self.noise.flipped_request):
             frame = self._flip(frame)
@@ -170,17 +174,32 @@ class VirtualPair:
             if frame[0] == device.address and self._chance(self.noise.hang):
                 self._hanging[device] = now + self._rng.uniform(0, self.noise.hang_for)
                 continue
-            reply = device.receive(frame, now)
+            reply = self._answer(device, frame, treatment, now)
             if reply is None or self._chance(self.noise.lost_reply):
                 continue
             if device.rate(now) not in (None, self.line.baudrate):
                 reply = self._rng.randbytes(len(reply))  # it answers at another rate already
             turnaround = self.turnaround if device.turnaround is None else device.turnaround
-            delay = self._rng.uniform(0, self.noise.late_by) if self._chance(self.noise.late) else 0.0
+            delay = treatment.delay
+            delay += self._rng.uniform(0, self.noise.late_by) if self._chance(self.noise.late) else 0.0
             # A device that is late answers what it is asked meanwhile after that: in order.
             start = max(end + turnaround + delay, now, self._answering.get(device, 0.0) + self.line.t35)
             self._answering[device] = start + self.line.airtime(len(reply))
             self._at(start, lambda now, reply=reply: self._reply(reply, now))  # type: ignore[misc]
+
+    def _answer(self, device: SimDevice, frame: bytes, treatment: Treatment, now: float) -> bytes | None:
+        """Have a device hear a frame; return what of its reply reaches the master."""
+        if treatment is PLAIN or frame[0] not in (device.address, BROADCAST):
+            return device.receive(frame, now)
+        if treatment.before is not None:
+            treatment.before(device, now)
+        reply = device.receive(frame, now) if treatment.carried_out else None
+        if treatment.code is not None and frame[0] != BROADCAST:
+            body = bytes((frame[0], frame[1] | 0x80, treatment.code))
+            reply = body + crc(body)
+        if treatment.after is not None:
+            treatment.after(device, now)
+        return treatment.of_reply(reply) if reply and treatment.answered else None
 
     def _reply(self, reply: bytes, now: float) -> None:
         if self._chance(self.noise.flipped):

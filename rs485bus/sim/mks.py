@@ -106,7 +106,7 @@ class SimMks(SimDevice):
             r.WORK_MODE.address: self._set_mode,
             r.CURRENT.address: lambda value, now: self._set_current(value),
             r.BAUD_RATE.address: self._set_baud_rate,
-            r.ADDRESS.address: self._set_address,
+            r.ADDRESS.address: lambda value, now: self._change("address", value, now),
             r.GO_HOME.address: self._moves(self.motion.go_home),
             r.SET_ZERO.address: lambda _, now: self.motion.set_zero(now),
             r.ENABLE.address: self._enable,
@@ -171,7 +171,7 @@ class SimMks(SimDevice):
     def advance(self, now: float) -> None:
         """Let everything happen until now, each at its time."""
         starves_at = self._heard_at + self.watchdog_ms / 1000 if self.watchdog_ms else FOREVER
-        self.motion.advance(self._last, now, starves_at, self._trip)
+        self.motion.advance(self._last, now, starves_at, self.trip)
         self._last = now
 
     def restart(self, now: float) -> None:
@@ -216,7 +216,8 @@ class SimMks(SimDevice):
         elif self.settings[r.SINGLE_TURN.address][0] is not SingleTurn.OFF:
             self.motion.home_in_turn(now)
 
-    def _trip(self, now: float) -> None:
+    def trip(self, now: float) -> None:
+        """Its watchdog stops it."""
         self.trips.append(now)
         self.motion.stop(FOREVER, now)
         self._tripped = True
@@ -373,9 +374,6 @@ class SimMks(SimDevice):
     def _set_baud_rate(self, code: BaudRate, now: float) -> None:
         self.settings[r.BAUD_RATE.address] = code
         self._change("baudrate", code.baudrate, now)
-
-    def _set_address(self, address: int, now: float) -> None:
-        self._change("address", address, now)
 
     def _change(self, name: str, value: int, now: float) -> None:
         if self.answers_at_new:

@@ -205,6 +205,17 @@ class MksShaft:
         self.enabled = self.enabled or self.protected
         self.stalled = self.protected = self._pushing = False
 
+    @property
+    def limited(self) -> bool:
+        """Whether the limit switches count (5.3.2)."""
+        return bool(self.settings[r.HOMING.address][3])
+
+    def protect(self, now: float) -> None:
+        """A protection lets go of the shaft."""
+        self.stop(FOREVER, now)
+        self.stalled = True
+        self._protect()
+
     def put_load(self, load: int, now: float) -> None:
         """The machine takes so much current, in mA, to move from now on."""
         self.machine.load = load
@@ -271,6 +282,6 @@ class MksShaft:
         """Whether it may not be there, going that way."""
         if self._is_beyond(position):
             return True
-        if not self.settings[r.HOMING.address][3] or self.activity is not None:
+        if not self.limited or self.activity is not None:
             return False
         return (way < 0 and self.at_home(position)) or (way > 0 and self.at_right(position))

@@ -107,6 +107,11 @@ class SimTlr(SimUnit):
         self.motion.advance(now)
         return self.motion.motor.moving(now)
 
+    def rpm(self, now: float) -> float:
+        """How fast its shaft turns."""
+        self.motion.advance(now)
+        return self.motion.motor.rpm(now)
+
     # What happens to it
 
     def close(self, port: int, closed: bool, now: float) -> None:

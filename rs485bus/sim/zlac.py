@@ -139,9 +139,17 @@ class SimZlac(SimDevice):
         """Let everything happen until now."""
         trips_at = self._heard_at + self.watchdog_ms / 1000
         if self.watchdog_ms and trips_at <= now and any(wheel.state in _HELD for wheel in self.wheels):
-            self.trips.append(trips_at)
-            self._each(3, lambda wheel, now: wheel.quick_stop(self.trip_state, now), max(trips_at, self._last))
+            self._trip(trips_at, max(trips_at, self._last))
         self._last = now
+
+    def trip(self, now: float) -> None:
+        """Its watchdog stops it."""
+        self.advance(now)
+        self._trip(now, now)
+
+    def _trip(self, since: float, now: float) -> None:
+        self.trips.append(since)
+        self._each(3, lambda wheel, now: wheel.quick_stop(self.trip_state, now), now)
 
     def fail(self, side: Side, fault: Fault, now: float) -> None:
         """A wheel reports an error. The other one goes on."""

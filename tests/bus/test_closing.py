@@ -4,11 +4,13 @@ import pytest
 
 from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job, Outcome, Reason
-from rs485bus.bus.stopping.halt import Procedure
+from rs485bus.bus.stopping.closing import shut_down
+from rs485bus.bus.stopping.halt import Halted, Procedure
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.sim import SimUnit
 from rs485bus.sim.rig import Rig
+from rs485bus.sim.treatment import Treatment
 from rs485bus.wire.frames import read_holding, write_single
 from rs485bus.wire.registers import Repeat
 from tests.bus.support import BANK
@@ -38,6 +40,20 @@ def test_a_procedure_that_waits_for_a_time_a_job_a_halt_or_another_ends_when_the
     assert [halted.standing for halted in drive.halted] == [False]
     assert rig.owner.units[1].halt is None
     assert drive.attached.motion.may_move  # nobody has seen it stand
+
+
+def test_a_stop_that_was_reported_in_vain_is_tried_no_more_once_the_bus_is_closed(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    rig = Rig()
+    (drive,) = running(rig, 1)
+    rig.pair.script = lambda frame, now: Treatment(heard=False)
+    drive.stop(rig)
+    ended: list[list[Halted]] = []
+    rig.owner.start(shut_down(rig.owner, leave_running=False), ended.append)
+    rig.run(20.0)
+    assert [halted.standing for halted in ended[0]] == [False]
+    assert caplog.text == ""  # it went round in circles, as a stop that ends at once was told once more
 
 
 def test_a_procedure_that_never_ends_is_left_and_logged(caplog: pytest.LogCaptureFixture) -> None:

@@ -2,8 +2,12 @@
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Outcome, Urgency
-from rs485bus.sim import SimUnit
+from rs485bus.devices.mks import registers as r
+from rs485bus.devices.mks.adapter import MksAttached
+from rs485bus.devices.mks.frames import read
+from rs485bus.sim import SimMks, SimUnit
 from rs485bus.sim.rig import Rig
+from rs485bus.sim.treatment import PLAIN, Treatment
 from rs485bus.wire.frames import crc, read_holding, read_input, registers, write_single
 from rs485bus.wire.registers import Repeat
 from tests.bus.support import BANK, Scripted, outcomes
@@ -153,3 +157,20 @@ def test_a_doubled_reply_is_not_the_answer_to_the_next_request() -> None:
     jobs = [rig.submit(read_holding(1, 0, 1)), rig.submit(read_holding(1, 5, 1))]
     rig.done(*jobs)
     assert [registers(job.reply) for job in jobs] == [[100], [105]]
+
+
+def test_a_unit_whose_answers_all_look_alike_is_not_asked_for_ever_which_of_them_is_late() -> None:
+    """0xF1 of a motor that stands, 0x3A of one that is enabled and 0x3B of one that is homed are all a 1."""
+    rig = Rig(SimMks(1))
+    rig.owner.units[1].attach(MksAttached(1, lambda request, reply: None, lambda unheard, reason: None))
+    for _ in range(3):
+        for what in (r.STATUS, r.POSITION, r.ENABLED, r.HOMED):
+            rig.done(rig.submit(read(1, what)))
+    late = [Treatment(delay=0.03)]
+    rig.pair.script = lambda frame, now: late.pop() if late and frame[3] == r.ENABLED.address else PLAIN
+    rig.submit(read(1, r.ENABLED))
+    waits = rig.submit(read(1, r.HOMED))
+    sent = len(rig.sent)
+    rig.run(1.0, lambda: waits.outcome is not None)
+    assert waits.outcome is Outcome.REPLY
+    assert len(rig.sent) - sent < 20

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import pytest
 
-from rs485bus import Bus, BusConfig, MksServo
+from rs485bus import Bus, BusConfig, MksServo, Zlac8015d, open_bus
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.errors import NotSent
-from rs485bus.sim import SimMks, SimUnit, VirtualLine
+from rs485bus.sim import SimMks, SimUnit, SimZlac, VirtualLine
 from rs485bus.transport import clock
 from rs485bus.wire.frames import crc, read_holding
 from rs485bus.wire.timing import LineSettings
@@ -140,3 +140,14 @@ def test_the_receive_latency_of_the_port_is_known_to_the_owner() -> None:
         await bus.aclose()
 
     main()
+
+
+@virtual
+async def test_what_is_due_at_once_is_not_taken_for_a_blocked_loop(caplog: pytest.LogCaptureFixture) -> None:
+    """A watchdog that was never fed is due at once: it was said that the loop did not run for inf s."""
+    async with open_bus(VirtualLine(SimZlac(1))) as bus:
+        base = Zlac8015d(bus, 1)
+        await base.enable()
+        async with bus.watchdog(base, timeout=0.5):
+            await asyncio.sleep(1.0)
+    assert caplog.text == ""

@@ -13,10 +13,10 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.errors import WatchdogInfeasible
+from rs485bus.sim.campaigns.failing import die, slow_down
+from rs485bus.sim.campaigns.guarded import Plant, arm
+from rs485bus.sim.campaigns.tight import stress
 from rs485bus.sim.device import SimUnit
-from rs485bus.sim.failing import die, slow_down
-from rs485bus.sim.guarded import Plant, arm
-from rs485bus.sim.tight import stress
 from rs485bus.wire.frames import read_holding, write_single
 from tests.bus.support import BANK
 

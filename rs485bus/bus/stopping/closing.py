@@ -34,6 +34,7 @@ def shut_down(owner: Owner, leave_running: bool) -> Procedure[list[Halted]]:
             yield owner.now + _LOOK_EVERY
     if leave_running:
         yield from _turn_off(owner)
+    owner.stops.end_all()  # those that were reported in vain are tried no more
     owner.gate.closed = True
     while owner.is_sending:
         yield owner.now + _LOOK_EVERY

@@ -89,6 +89,12 @@ class Stops:
         self._flush(self._queue.of(unit.address), lambda job: job.is_stale, Reason.STOPPED)
         return halt
 
+    def end_all(self) -> None:
+        """Try no more to stop anything. Who still waits is told that it was not seen standing."""
+        for unit in self._units:
+            if unit.halt is not None:
+                unit.halt.end()
+
     def report_if_away(self, halt: Halt) -> None:
         """Say before long that a device could not be seen standing, where the port stays away. It is stopped first of
         all when it is there again. Closing waits for that."""

@@ -22,18 +22,23 @@ def question_for(unit: UnitState, now: float) -> Job | None:
     """A read for a unit that owes a reply: harmless, known to be answered, and not to be mistaken for what is owed.
 
     None if there is none, or if one is under way. The same question is one job as long as an answer to it is owed:
-    either of its answers will do. It may have to wait, lest a unit that does not answer takes the wire from others.
+    either of its answers will do. But where another one is owed nothing, that is asked: answers to the same question
+    that all look alike never show which of them it was. It may have to wait, lest a unit that does not answer takes the
+    wire from others.
     """
     if unit.is_questioned or unit.reach.silent or unit.reach.offline or unit.halt is not None:
         return None  # one that is being stopped is asked anyway
-    last = unit.question
-    for request in _harmless(unit):
-        same = last if last is not None and last.request.adu == request.adu else None
-        if not unit.late.must_wait(request, same):
-            unit.question = _new(unit, request) if same is None else _again(same, now)
-            unit.is_questioned = True
-            return unit.question
-    return None
+    last, reads = unit.question, list(_harmless(unit))
+    fresh = next((request for request in reads if not unit.late.must_wait(request)), None)
+    same = next((request for request in reads if last is not None and last.request.adu == request.adu), None)
+    if fresh is not None and (last is None or last.request.adu != fresh.adu):
+        unit.question = _new(unit, fresh)
+    elif last is not None and same is not None and not unit.late.must_wait(same, last):
+        unit.question = _again(last, now)
+    else:
+        return None
+    unit.is_questioned = True
+    return unit.question
 
 
 def pause(job: Job) -> float:

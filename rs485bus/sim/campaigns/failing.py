@@ -10,8 +10,8 @@ import random
 from dataclasses import dataclass, field
 
 from rs485bus.bus.schedule.job import Job
+from rs485bus.sim.campaigns.guarded import Drive, Plant, arm
 from rs485bus.sim.device import SimUnit
-from rs485bus.sim.guarded import Drive, Plant, arm
 from rs485bus.wire.frames import read_holding
 
 _QUICK_UNIT = 201

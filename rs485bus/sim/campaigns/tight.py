@@ -17,8 +17,8 @@ from rs485bus.bus.schedule.burst import Burst, BurstSlot
 from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.devices.mks import registers as mks
 from rs485bus.devices.mks.frames import write
+from rs485bus.sim.campaigns.guarded import Drive, Plant, arm
 from rs485bus.sim.device import SimDevice, SimUnit
-from rs485bus.sim.guarded import Drive, Plant, arm
 from rs485bus.sim.mks import SimMks
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding, write_single

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
-from rs485bus.sim.witness import MEMORY
+from rs485bus.sim.campaigns.witness import MEMORY
 from rs485bus.wire.frames import registers
 from rs485bus.wire.registers import Repeat
 

@@ -1,0 +1,1 @@
+"""The scenarios, a file for each family and one for those that concern several."""

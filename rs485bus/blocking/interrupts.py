@@ -89,11 +89,16 @@ class _Interrupts:
             signal.signal(signal.SIGINT, handler.former)
 
     def watch(self) -> None:
-        """Handle SIGINT from now on. Others may have taken it over meanwhile, as a notebook does before each cell."""
+        """Handle SIGINT from now on. Others may have taken it over meanwhile, as a notebook does before each cell.
+
+        A program that was started to ignore it, as a shell starts its background jobs, goes on ignoring it.
+        """
         if threading.get_ident() != self._main or not self._buses:
             return
         handler = signal.getsignal(signal.SIGINT)
-        if not isinstance(handler, _Handler) and handler is not None:
+        if isinstance(handler, _Handler) or handler is None:
+            return
+        if handler is not signal.SIG_IGN or in_kernel():
             signal.signal(signal.SIGINT, _Handler(handler, self._pressed))
 
     def only_stop(self) -> None:
@@ -137,14 +142,24 @@ def _leaves_a_block(frame: FrameType | None) -> bool:
 interrupts = _Interrupts()
 
 
+def _shell() -> Any:
+    """IPython, where it runs."""
+    ipython = sys.modules.get("IPython")
+    return None if ipython is None else ipython.get_ipython()
+
+
+def in_kernel() -> bool:
+    """Whether this is the kernel of a notebook."""
+    return hasattr(_shell(), "kernel")
+
+
 def _follow_cells(follow: bool) -> None:
     """Watch in IPython's cells, too, and in a notebook between them: an interrupt of an idle kernel stops motors."""
-    ipython = sys.modules.get("IPython")
-    shell = None if ipython is None else ipython.get_ipython()
+    shell = _shell()
     if shell is None:
         return
     hooks: dict[str, Callable[[object], None]] = {"pre_run_cell": _before_cell}
-    if hasattr(shell, "kernel"):
+    if in_kernel():
         hooks["post_run_cell"] = _after_cell
     for event, callback in hooks.items():
         with contextlib.suppress(ValueError):  # it is not registered

@@ -239,6 +239,12 @@ class SharedLoop:
             self._users += 1
             return self._thread
 
+    def sleep(self, seconds: float) -> None:
+        """Let time pass on the clock of the loop; none where there is no loop."""
+        thread = self._thread
+        if thread is not None and thread.alive:
+            thread.call(asyncio.sleep, seconds)
+
     def give_back(self, thread: LoopThread) -> None:
         """A bus was closed."""
         with self._lock:

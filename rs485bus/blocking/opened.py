@@ -94,11 +94,11 @@ class Opened:
         """Nobody has it any more, and nobody closed it. From whichever thread: nothing is waited for."""
         if self._closed or self._process != os.getpid():
             return
-        warnings.warn(f"a bus on {self.bus.port} was not closed: bus.close()", ResourceWarning, stacklevel=2)
         self._closed = True
         interrupts.remove(self)
         atexit.unregister(self.close)
         self.loop.begin(Call(self._close_and_give_back, (), {}))
+        warnings.warn(f"a bus on {self.bus.port} was not closed: bus.close()", ResourceWarning, stacklevel=2)
 
     def stop_soon(self) -> None:
         """Have all axes stopped. From a signal handler."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Any, Protocol
 
+from rs485bus.blocking.interrupts import in_kernel
 from rs485bus.blocking.loop import Call
 
 _SHOWN_AFTER = 0.5
@@ -65,7 +66,7 @@ def picture_of(handle: Any, now: Callable[[], float]) -> Picture | None:
     """What shows how far a command is; None where nobody looks: no terminal, no notebook, another thread."""
     if threading.current_thread() is not threading.main_thread() or handle.done():
         return None
-    if _in_notebook():
+    if in_kernel():
         return _Notebook(handle, now)
     if sys.stderr is not None and sys.stderr.isatty():
         with contextlib.suppress(ModuleNotFoundError):
@@ -81,12 +82,6 @@ def part_done(handle: Any, now: float) -> float | None:
     if started is None or eta is None or eta <= started:
         return None
     return float(min(1.0, max(0.0, (now - started) / (eta - started))))
-
-
-def _in_notebook() -> bool:
-    ipython = sys.modules.get("IPython")
-    shell = None if ipython is None else ipython.get_ipython()
-    return shell is not None and hasattr(shell, "kernel")
 
 
 class _Terminal:

@@ -245,6 +245,7 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has its background jobs ignore it
     begun = time.monotonic()
     for what, ends in (
         ("scripts", run_scripts(given.scripts, given.seed)),

@@ -38,6 +38,7 @@ def press_at_the_next_answer(bus: blocking.Bus) -> None:
     bus.subscribe(press)
 
 
+@pytest.mark.filterwarnings("ignore:.*finalize object.*:pytest.PytestUnraisableExceptionWarning")
 def test_random_moments_in_scripts() -> None:
     ends = ctrl_c.run_scripts(20, 1)
     assert set(ends) <= {"interrupted", "done"}, ends
@@ -90,6 +91,19 @@ def test_a_handler_that_raises_nothing_lets_the_call_go_on_after_the_stop() -> N
                 move.wait()
             assert pressed == [signal.SIGINT]
         assert signal.getsignal(signal.SIGINT) is note
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
+def test_a_program_that_ignores_it_goes_on_ignoring_it() -> None:
+    former = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with blocking.open_bus(VirtualLine(SimMks(1))) as bus:
+            x = bus.mks(1)
+            x.enable().wait()
+            move = x.move_to(2)
+            signal.raise_signal(signal.SIGINT)
+            assert move.wait() == pytest.approx(2, abs=0.01)
     finally:
         signal.signal(signal.SIGINT, former)
 

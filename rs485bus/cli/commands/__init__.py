@@ -42,6 +42,9 @@ COMMANDS: dict[str, LazyCommand] = {
         "Give a new drive, alone on the pair, its address and its baud rate.",
         FIND,
     ),
+    "settings": LazyCommand(
+        "rs485bus.cli.commands.settings:app", "Read, write, save, load and compare what a drive is set to.", FIND
+    ),
     "read": LazyCommand(
         "rs485bus.cli.commands.raw:read", "Read registers or coils of any Modbus device, with types.", FIND
     ),

@@ -33,6 +33,7 @@ class WrongUse(ValueError):
 
 
 DONE, FAILED, WRONG_INPUT, UNKNOWN, NO_PORT, INTERRUPTED = 0, 1, 2, 3, 4, 130
+_PIPE_WIDTH = 500
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 
@@ -53,8 +54,8 @@ def nobody_reads() -> None:
 
 
 def console() -> Output:
-    """Where results go."""
-    return Output(highlight=False)
+    """Where results go. Only on a terminal are long lines broken."""
+    return Output(highlight=False, width=None if sys.stdout.isatty() else _PIPE_WIDTH)
 
 
 @contextmanager

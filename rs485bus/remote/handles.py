@@ -37,6 +37,8 @@ class RemoteMove(Handle[T]):
         """Its id, once it was sent."""
         self.begun = asyncio.Event()
         """Set once the service has said that it has begun."""
+        self.outcome = ""
+        """How it ended: "done", "refused" (nothing was done), "failed", "unknown"; empty if no answer came."""
         self.started: float | None = None
         """When it was started, by the service's clock; known at its end."""
         self.spread: float | None = None
@@ -48,6 +50,8 @@ class RemoteMove(Handle[T]):
         """How far it has come, or how it ended."""
         if answer.outcome == "begun":
             self.begun.set()
+        else:
+            self.outcome = answer.outcome
         self.started, self.spread = answer.started, answer.spread
 
     def cancel(self) -> None:

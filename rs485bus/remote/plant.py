@@ -84,6 +84,11 @@ class RemotePlant:
         """Why control was lost; empty while it was not."""
         return self._control.lost
 
+    @property
+    def commanded(self) -> frozenset[str]:
+        """The axes that this client commands now."""
+        return self._control.axes
+
     async def take_control(self, *names: str) -> None:
         """Command axes, groups or the vehicle; all axes where none is named. A verb does that by itself for what it
         moves, but not after control was lost.

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.service.mosquitto import Mosquitto, running
+from benchmarks.service.mosquitto import Mosquitto, running
 
 
 @pytest.fixture(scope="session")

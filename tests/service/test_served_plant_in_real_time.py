@@ -24,7 +24,7 @@ from rs485bus.errors import (
 from rs485bus.plant import Plant
 from rs485bus.service.topics import Topics
 from tests.real.support import in_real_time
-from tests.service.mosquitto import Mosquitto, running
+from benchmarks.service.mosquitto import Mosquitto, running
 from tests.service.serving import CELL, serving
 
 FAMILIES = """

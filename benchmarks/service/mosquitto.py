@@ -32,12 +32,23 @@ class Mosquitto:
         folder: where its configuration goes.
         lines: what stands in the configuration besides the listener.
         anonymous: let in who names no user.
+        host: the address at which it listens.
+        inside: what stands before its command, so that it runs in a network of its own, say.
     """
 
-    def __init__(self, folder: Path, lines: str = "", *, anonymous: bool = True, host: str = "127.0.0.1") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        lines: str = "",
+        *,
+        anonymous: bool = True,
+        host: str = "127.0.0.1",
+        inside: tuple[str, ...] = (),
+    ) -> None:
         self.port = free_port()
         self._process: subprocess.Popen[bytes] | None = None
         self._host = host
+        self._inside = inside
         self._file = folder / f"mosquitto-{self.port}.conf"
         allowed = "true" if anonymous else "false"
         # Started by root it would become another user, who cannot read what tests write.
@@ -53,7 +64,9 @@ class Mosquitto:
 
     def start(self) -> None:
         with self._log.open("ab") as log:
-            self._process = subprocess.Popen((executable(), "-c", str(self._file)), stdout=log, stderr=log)
+            self._process = subprocess.Popen(
+                (*self._inside, executable(), "-c", str(self._file)), stdout=log, stderr=log
+            )
         deadline = time.monotonic() + 10
         while True:
             with contextlib.suppress(OSError), socket.create_connection((self._host, self.port), 1):

@@ -142,7 +142,7 @@ class RemoteAxis(Remote):
 
         def take(name: str, report: AxisReport) -> None:
             nonlocal last
-            if name == self.name and report != last:  # one may come as a sample and as a state
+            if name == self.name and (last is None or report.at > last.at):  # one may come as a sample and as a state
                 last = report
                 _put(waiting, report)
 

@@ -9,7 +9,7 @@ import secrets
 import socket
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Literal
+from typing import Any, Literal
 
 from rs485bus.arguments import positive
 from rs485bus.bus.handle import Handle
@@ -42,7 +42,7 @@ class RemotePlant:
         wheels = plant.vehicles.get(VEHICLE)
         self.vehicle = None if wheels is None else RemoteVehicle(VEHICLE, frozenset(wheels), session, self._outbox)
 
-    def __getattr__(self, name: str) -> RemoteAxis | RemoteGroup:
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
         if name in self.axes:

@@ -62,6 +62,8 @@ class Session:
         self.reports: dict[str, AxisReport] = {}
         self.buses: dict[str, BusReport] = {}
         self.on_report: list[Callable[[str, AxisReport], None]] = []
+        """Told of states and samples."""
+        self.on_state: list[Callable[[str, AxisReport], None]] = []
         self.on_event: list[Callable[[AxisEvent], None]] = []
         self.on_lost: list[Callable[[], None]] = []
         self.connected = asyncio.Event()
@@ -180,7 +182,7 @@ class Session:
     # The connection
 
     async def _keep(self, first: asyncio.Future[None]) -> None:
-        attempt = 0
+        attempt, told = 0, ""
         while True:
             try:
                 await self._connect(first)
@@ -189,7 +191,9 @@ class Session:
                     first.set_exception(error)
                     return
                 attempt = 0 if self.connected.is_set() else min(attempt + 1, len(_PAUSES) - 1)
-                _log.warning("%s", error)
+                if str(error) != told:
+                    _log.warning("%s", error)
+                told = str(error)
             finally:
                 self._mqtt = None
                 if self.connected.is_set():
@@ -277,10 +281,10 @@ class Session:
         match parts:
             case ["reply", _]:
                 self._answered(read(Answer, payload))
-            case ["axis", name, "state" | "sample"]:
+            case ["axis", name, "state" | "sample" as what]:
                 report = read(AxisReport, payload)
                 self.reports[name] = report
-                for tell in tuple(self.on_report):
+                for tell in (*self.on_report, *(self.on_state if what == "state" else ())):
                     tell(name, report)
             case ["axis", _, "event"]:
                 event = read(AxisEvent, payload)

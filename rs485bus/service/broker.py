@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 import ssl
 from collections.abc import AsyncIterator
@@ -19,13 +20,19 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
+from rs485bus.bus.handle import running_loop
 from rs485bus.errors import BrokerError
 from rs485bus.service.decisions import Asker
+
+_quiet = logging.getLogger("rs485bus.mqtt")
+_quiet.setLevel(logging.CRITICAL)  # what happens to the connection is raised, and told by who uses it
 
 DEFAULT = "mqtt://127.0.0.1"
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _PATIENCE = 5.0
 """Seconds to wait for the broker."""
+_FAREWELL = 0.5
+"""Seconds to wait for it to close the connection."""
 KEEPALIVE = 5
 """Seconds of silence after which the broker and its client look whether the other is still there."""
 
@@ -75,6 +82,22 @@ class Client(aiomqtt.Client):
             f"The broker does not take {topic} from {self.identifier}: {code}. Its access control list must allow it; "
             "the guide has an example."
         )
+
+    def _on_socket_register_write(self, client: PahoClient, userdata: Any, sock: Any) -> None:
+        """Write as soon as the socket takes it. aiomqtt looks at the socket one turn of the loop later: by then it may
+        be closed, and its number that of another file, of a serial port perhaps."""
+        if running_loop() is not self._loop:
+            super()._on_socket_register_write(client, userdata, sock)
+            return
+
+        def write() -> None:
+            try:
+                client.loop_write()
+            except Exception as error:
+                if not self._disconnected.done():
+                    self._disconnected.set_exception(error)
+
+        self._loop.add_writer(sock.fileno(), write)
 
     def _on_publish(
         self, client: PahoClient, userdata: Any, mid: int, reason_code: ReasonCode, properties: Properties
@@ -168,6 +191,7 @@ class Broker:
             clean_start=True,
             socket_options=((socket.IPPROTO_TCP, socket.TCP_NODELAY, 1),),
             timeout=_PATIENCE,
+            logger=_quiet,
             **options,
         )
         try:
@@ -179,6 +203,7 @@ class Broker:
         except aiomqtt.MqttError as error:
             raise BrokerError(f"The connection to the broker {self} was lost: {error}.") from None
         finally:
+            client.timeout = _FAREWELL
             with contextlib.suppress(aiomqtt.MqttError):  # it is lost
                 await client.__aexit__(None, None, None)
 

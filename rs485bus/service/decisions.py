@@ -116,7 +116,7 @@ class Say:
     answer: Answer
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Halt:
     """Stop some axes. Then call `halted`."""
 
@@ -125,7 +125,7 @@ class Halt:
     emergency: bool = False
     id: str = ""
     """The request that is answered when they stand."""
-    asker: Asker | None = None
+    askers: list[Asker] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ import contextlib
 import heapq
 import itertools
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
 
 from rs485bus.errors import BusError, MoveCancelled, NotInControl, NotSent, RequestMalformed
 from rs485bus.service import verbs
@@ -32,10 +31,11 @@ from rs485bus.service.decisions import (
     Stage,
     Tell,
 )
-from rs485bus.service.intake import Intake, check_age, refuse_retained
+from rs485bus.service.intake import Intake, check_age, refuse_retained, used_before
 from rs485bus.service.leases import Lease, LeaseBook
 from rs485bus.service.refusals import Refusal, Refusals
-from rs485bus.service.schema import Answer, AxisEvent, Gone, Holding, Presence, SetPoint, Stop, read, told_id
+from rs485bus.service.schema import Answer, AxisEvent, Gone, Presence, SetPoint, Stop, read, told_id
+from rs485bus.service.stops import StopBook
 from rs485bus.service.streams import StreamBook
 from rs485bus.service.topics import Topics
 from rs485bus.service.troubles import ending, trouble
@@ -67,20 +67,12 @@ class Desk:
         self._refusals = Refusals()
         self._due: list[tuple[float, int, Order]] = []
         self._number = itertools.count()
-        self._stopped: dict[str, tuple[float, str]] = {}
-        """When each axis was last stopped, and by which request."""
-        self._halting: set[str] = set()
-        """The axes of leases that have ended, which were not seen standing yet."""
+        self.stops = StopBook()
 
     @property
     def wake(self) -> float:
         """When `tick` is due."""
         return min(self.leases.first_end, self._due[0][0] if self._due else float("inf"))
-
-    def last_stop(self, axis: str) -> str | None:
-        """The id of the latest stop of an axis."""
-        stop = self._stopped.get(axis)
-        return None if stop is None else stop[1] or None
 
     def under_way(self, axis: str) -> Order | None:
         """The latest order of an axis that has begun and not ended."""
@@ -118,7 +110,7 @@ class Desk:
         if former is not None:
             del self._orders[order.id]
             if former.digest != order.digest:
-                return self._refuse(order.id, order.askers, _other(order), now, order.name)
+                return self._refuse(order.id, order.askers, used_before(order), now, order.name)
             return [Say(asker, former.answer) for asker in order.askers]
         kept = order.problem is None
         if kept:
@@ -168,24 +160,26 @@ class Desk:
         except RequestMalformed:
             axes = self._intake.named(self._axes)
         what = "An emergency stop was asked for." if emergency else "A stop was asked for."
-        known = asker if self._intake.may_answer(asker) else None
-        return self._halt(Halt(axes, what, emergency, told_id(payload), known), now)
+        askers = [asker] if asker is not None and self._intake.may_answer(asker) else []
+        halt = Halt(axes, what, emergency, told_id(payload), askers)
+        earlier = self.stops.same(halt)
+        if earlier is None:
+            return self._halt(halt, now)
+        earlier.askers.extend(asker for asker in askers if asker not in earlier.askers)
+        return []
 
     def halted(self, halt: Halt, error: Exception | None, now: float) -> list[Decision]:
         """Axes were seen to stand after a stop; or not, and why."""
-        decisions: list[Decision] = []
-        if error is None:
-            self._halting -= halt.axes
-            decisions.append(self._hold())
-        answer = (
-            Answer(id=halt.id, outcome="done", value=sorted(halt.axes), now=now)
-            if error is None
-            else Answer(id=halt.id, outcome="failed", error=trouble(error), now=now)
-        )
-        decisions += [_tell(axis, "stopped" if error is None else "not standing", halt.why, now) for axis in halt.axes]
-        if halt.asker is not None:
-            decisions.append(Say(halt.asker, answer))
-        return decisions
+        standing = error is None
+        self.stops.ended(halt, standing=standing)
+        answer = Answer(id=halt.id, outcome="done", value=sorted(halt.axes), now=now)
+        if error is not None:
+            answer = Answer(id=halt.id, outcome="failed", error=trouble(error), now=now)
+        return [
+            *([self._hold()] if standing else []),
+            *(_tell(axis, "stopped" if standing else "not standing", halt.why, now) for axis in sorted(halt.axes)),
+            *(Say(asker, answer) for asker in halt.askers),
+        ]
 
     # Control
 
@@ -207,7 +201,7 @@ class Desk:
         lease.seen(said.sent, now)
         if asker is None:
             return []
-        return [Say(asker, Answer(id=said.id, outcome="done", value=_holding(lease), now=now))]
+        return [Say(asker, Answer(id=said.id, outcome="done", value=lease.told(), now=now))]
 
     def gone(self, payload: bytes, client: str, now: float) -> list[Decision]:
         """The last will of a client: its connection broke."""
@@ -257,8 +251,7 @@ class Desk:
         lease = self.leases.get(said.lease, said.client)
         axes = self._axes.get(name, frozenset())
         held = lease is not None and bool(axes) and axes <= lease.axes
-        stopped = max((self._stopped[axis][0] for axis in axes if axis in self._stopped), default=float("-inf"))
-        until = self.streams.accept(name, said, now, held=held, stopped=stopped)
+        until = self.streams.accept(name, said, now, held=held, stopped=self.stops.latest(axes))
         if until is None or lease is None:
             return []
         lease.seen(said.sent, now)
@@ -272,7 +265,7 @@ class Desk:
         earlier, refusal = self._orders.get(order.id), self._refusals.get(order.id, now)
         former = earlier or refusal
         if former is not None and former.digest != order.digest:
-            return self._refuse(order.id, order.askers, _other(order), now, order.name)
+            return self._refuse(order.id, order.askers, used_before(order), now, order.name)
         if earlier is not None:
             if asker not in earlier.askers:
                 earlier.askers.append(asker)
@@ -281,14 +274,11 @@ class Desk:
 
     def _check(self, order: Order, now: float) -> None:
         """Raise why an order must not be begun."""
-        what = f"{order.name} {order.verb}"
         if order.cancelled is not None:
             raise order.cancelled
         check_age(order, now)
-        lease = self.leases.check(order.lease, order.client, order.covered, what)
-        for axis in order.axes:
-            if axis in self._stopped and order.sent <= self._stopped[axis][0]:
-                raise MoveCancelled(f"{what}: {axis} was stopped after this was said. Nothing was done.")
+        lease = self.leases.check(order.lease, order.client, order.covered, f"{order.name} {order.verb}")
+        self.stops.check(order)
         lease.seen(order.sent, now)
 
     def _begin(self, order: Order) -> list[Decision]:
@@ -343,29 +333,28 @@ class Desk:
         return [*ended, self._hold(), *told, self._say_holding(order, lease, now)]
 
     def _say_holding(self, order: Order, lease: Lease, now: float) -> Say:
-        return Say(order.askers[0], Answer(id=order.id, outcome="done", value=_holding(lease), now=now))
+        return Say(order.askers[0], Answer(id=order.id, outcome="done", value=lease.told(), now=now))
 
     def _release(self, order: Order, now: float) -> list[Decision]:
         lease = self.leases.get(order.lease, order.client)
         if lease is None:
             return [Say(order.askers[0], Answer(id=order.id, outcome="done", now=now))]
-        return self._lapse(lease, f"{order.client} has released control.", now, order.id, order.askers[0])
+        return self._lapse(lease, f"{order.client} has released control.", now, order.id, order.askers)
 
     def _lapse(
-        self, lease: Lease, why: str, now: float, request: str = "", asker: Asker | None = None
+        self, lease: Lease, why: str, now: float, request: str = "", askers: Iterable[Asker] = ()
     ) -> list[Decision]:
         """A lease ends: what it covers is stopped."""
         self.leases.end(lease)
         axes = frozenset(lease.axes)
-        self._halting |= axes
+        self.stops.unsettled |= axes
         told = [_tell(axis, "control ended", why, now) for axis in sorted(axes)]
-        return [*told, *self._halt(Halt(axes, why, id=request, asker=asker), now)]
+        return [*told, *self._halt(Halt(axes, why, id=request, askers=list(askers)), now)]
 
     def _halt(self, halt: Halt, now: float) -> list[Decision]:
         """Axes are stopped: nothing older is begun after that."""
         decisions: list[Decision] = [halt]
-        for axis in halt.axes:
-            self._stopped[axis] = (now, halt.id)
+        self.stops.begun(halt, now)
         for order in list(self._orders.values()):
             if not order.axes & halt.axes:
                 continue
@@ -402,19 +391,7 @@ class Desk:
         return [Say(asker, answer) for asker in known] or [Refused(topic, answer)]
 
     def _hold(self) -> Hold:
-        return Hold(frozenset(self._halting).union(*(lease.axes for lease in self.leases)))
-
-
-def _other(order: Order) -> RequestMalformed:
-    return RequestMalformed(
-        f"The id {order.id} was used for another request before: each needs an id of its own. Nothing was done."
-    )
-
-
-def _holding(lease: Lease) -> dict[str, Any]:
-    return Holding(
-        lease=lease.number, client=lease.client, axes=sorted(lease.axes), until=lease.until, seconds=lease.seconds
-    ).model_dump()
+        return Hold(self.stops.unsettled.union(*(lease.axes for lease in self.leases)))
 
 
 def _tell(axis: str, event: str, what: str, now: float) -> Tell:

@@ -115,6 +115,13 @@ def refuse_retained(retained: bool) -> None:
         )
 
 
+def used_before(order: Order) -> RequestMalformed:
+    """What is wrong with a request whose id was another one's."""
+    return RequestMalformed(
+        f"The id {order.id} was used for another request before: each needs an id of its own. Nothing was done."
+    )
+
+
 def _digest(topic: str, said: Request) -> str:
     fields = {"topic": topic, "client": said.client, "args": said.args, "at": said.at}
     return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:32]

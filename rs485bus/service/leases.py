@@ -5,8 +5,10 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 from rs485bus.errors import NotInControl
+from rs485bus.service.schema import Holding
 
 
 def _draw() -> int:
@@ -29,6 +31,13 @@ class Lease:
     def seen(self, sent: float, now: float) -> None:
         """The client was there when it sent this: not when it came in."""
         self.until = max(self.until, min(sent, now) + self.seconds)
+
+    def told(self) -> dict[str, Any]:
+        """As the client is told it."""
+        holding = Holding(
+            lease=self.number, client=self.client, axes=sorted(self.axes), until=self.until, seconds=self.seconds
+        )
+        return holding.model_dump()
 
 
 class LeaseBook:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
+from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -44,6 +46,7 @@ class Reporter:
         self._watch = Watch(clock)
         self._samplings: dict[str, dict[str, tuple[float, float]]] = {}
         """Of each axis, by client: every how many seconds, and until when."""
+        self._numbers: defaultdict[tuple[str, str], itertools.count[int]] = defaultdict(itertools.count)
         self._changed: dict[str, asyncio.Event] = {name: asyncio.Event() for name in plant.axes}
         self._targets: dict[str, tuple[Order, Performance]] = {}
 
@@ -93,15 +96,19 @@ class Reporter:
             report = await self._watch.axis(name, axis, **self._known(name))
             sampling = self._sampling(name)
             if sampling is not None:
-                self._publish(self._topics.axis(name, "sample"), report, qos=0)
+                self._say(name, "sample", report)
             due = told_at + (self._period if told is None or _differs(report, told) else _STANDING)
             if loop.time() >= due - 0.001:
-                self._publish(self._topics.axis(name, "state"), report, qos=0, retain=True)
+                self._say(name, "state", report, retain=True)
                 told, told_at = report, loop.time()
             pause = min(self._period, sampling or self._period) - (loop.time() - began)
             if not await _set_within(changed, max(0.001, pause)):
                 continue
             told_at = min(told_at, loop.time() - self._period)
+
+    def _say(self, name: str, what: str, report: AxisReport, *, retain: bool = False) -> None:
+        numbered = report.model_copy(update={"n": next(self._numbers[name, what])})
+        self._publish(self._topics.axis(name, what), numbered, qos=0, retain=retain)
 
     def _known(self, name: str) -> dict[str, Any]:
         """What the desk knows of an axis."""
@@ -112,7 +119,7 @@ class Reporter:
             "target": target,
             "verb": None if order is None else order.verb,
             "holder": self._desk.leases.holder(name),
-            "stop": self._desk.last_stop(name),
+            "stop": self._desk.stops.last(name),
         }
 
     async def _report_buses(self) -> None:
@@ -123,7 +130,7 @@ class Reporter:
 
 
 def _differs(one: AxisReport, other: AxisReport) -> bool:
-    return one.model_copy(update={"n": 0, "at": 0.0}) != other.model_copy(update={"n": 0, "at": 0.0})
+    return one.model_copy(update={"at": other.at}) != other
 
 
 async def _set_within(event: asyncio.Event, seconds: float) -> bool:

@@ -143,7 +143,7 @@ class AxisReport(Told):
     """What is known of an axis. None stands for what is not known."""
 
     n: int
-    """Counts up: where one is missing, it was lost on the way."""
+    """Counts up, in states and in samples: where one is missing, it was lost on the way."""
     at: float
     """When this was so."""
     position: float | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import secrets
 from typing import Any
@@ -27,6 +28,8 @@ _PAUSES = (0.1, 0.2, 0.5, 1.0, 2.0)
 """Seconds before the broker is looked for again."""
 _FORMER = 0.3
 """Seconds within which the broker tells that the plant is served already."""
+_FAREWELL = 1.0
+"""Seconds within which the broker takes it that the service ends."""
 _DEAD = 2.0 * KEEPALIVE
 """Seconds within which the broker notices that a service is gone."""
 
@@ -75,7 +78,7 @@ class Service:
         """
         await self._dispatcher.recover()
         served = False
-        pause = 0
+        pause, told = 0, ""
         try:
             while True:
                 try:
@@ -85,7 +88,9 @@ class Service:
                         raise
                     pause = 0 if self.online.is_set() else min(pause + 1, len(_PAUSES) - 1)
                     served = True
-                    _log.warning("%s The axes that somebody commanded are stopped.", error)
+                    if str(error) != told:
+                        _log.warning("%s The axes that somebody commanded are stopped.", error)
+                    told = str(error)
                 finally:
                     self._client = None
                     self.online.clear()
@@ -111,7 +116,9 @@ class Service:
                 await self._listen_and_report(client, stops)
             except asyncio.CancelledError:
                 await self._dispatcher.leave()
-                await client.deliver(self.topics.service, gone, retain=True)
+                with contextlib.suppress(aiomqtt.MqttError, BrokerError, TimeoutError):
+                    async with asyncio.timeout(_FAREWELL):
+                        await client.deliver(self.topics.service, gone, retain=True)
                 raise
 
     async def _introduce(self, client: Client) -> None:
@@ -123,13 +130,18 @@ class Service:
                 await client.deliver(topic, entry, retain=True)
 
     async def _listen_and_report(self, client: Client, stops: Client) -> None:
+        """Raise `BrokerError` once the broker is lost."""
+        # No task group: it would take a cancellation for its own where the broker is lost in the same moment.
+        work = (self._listen(client), self._listen(stops), self._dispatcher.reporter.run())
+        tasks = [asyncio.create_task(part) for part in work]
         try:
-            async with asyncio.TaskGroup() as group:
-                group.create_task(self._listen(client))
-                group.create_task(self._listen(stops))
-                group.create_task(self._dispatcher.reporter.run())
-        except* (aiomqtt.MqttError, BrokerError) as lost:
-            raise BrokerError(f"The broker {self._broker} was lost: {lost.exceptions[0]}.") from None
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        for task in done:
+            task.result()
 
     @property
     def _usual(self) -> list[str]:

@@ -25,12 +25,12 @@ class Watch:
         self._airtime: dict[str, tuple[float, float]] = {}
 
     async def axis(self, name: str, axis: Any, **known: Any) -> AxisReport:
-        """What is known of an axis. Its drive is asked where nothing tells by itself."""
+        """What is known of an axis, without a number. Its drive is asked where nothing tells by itself."""
         bus: Bus = axis.bus
         facts = await self._facts(axis)
         at = self._clock.now() if facts is None else facts.pop("at")
         return AxisReport(
-            n=next(self._numbers[name]),
+            n=0,
             at=at,
             connected=bus.connected,
             latched=bus.latched,

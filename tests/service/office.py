@@ -58,6 +58,8 @@ class Office:
         self.refused: list[Answer] = []
         self.events: list[AxisEvent] = []
         self.asked: list[Order] = []
+        self.confirms = True
+        """Axes that are stopped are seen to stand."""
         self.to_write: deque[Recall | Settle | Hold] = deque()
         self.desk = self._new_desk()
 
@@ -164,7 +166,8 @@ class Office:
                     self.halts.append((decision, self.now))
                     for order in [order for order in self.running.values() if order.axes & decision.axes]:
                         self.end(order.id, "failed")
-                    self.do(self.desk.halted(decision, None, self.now))
+                    if self.confirms:
+                        self.do(self.desk.halted(decision, None, self.now))
                 case Say(asker, answer):
                     self.said.append((asker, answer))
                 case SetTo(name, values, until):

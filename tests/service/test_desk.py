@@ -7,7 +7,7 @@ import json
 import pytest
 
 from rs485bus.service.decisions import Asker
-from rs485bus.service.schema import Request, SetPoint, write
+from rs485bus.service.schema import Request, SetPoint, Stop, write
 from rs485bus.service.topics import PLANT
 from tests.service.office import TOPICS, Office
 
@@ -367,6 +367,19 @@ def test_a_clock_that_is_ahead_does_not_carry_an_older_verb_over_a_stop() -> Non
     office.write()
     assert office.begun == []
     assert wrong(office, move.id)[0] == "MoveCancelled"
+
+
+def test_a_stop_that_is_said_again_while_it_is_confirmed_is_the_same_stop() -> None:
+    office = Office()
+    office.confirms = False
+    said = Stop(id="s", client="s", axes=["x"])
+    for correlation in (b"1", b"2", b"2"):
+        office.do(office.desk.stop(write(said), Asker(TOPICS.reply("s"), correlation), office.now))
+    ((halt, _),) = office.halts
+    office.do(office.desk.halted(halt, None, office.now))
+    assert [asker.correlation for asker, _ in office.said] == [b"1", b"2"]
+    office.do(office.desk.stop(write(said), None, office.now))
+    assert len(office.halts) == 2
 
 
 @pytest.mark.parametrize("payload", [b"", b"stop!", b'{"id":"s","client":"c","axes":["nope"]}', b'{"v":9}'])

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,11 +15,13 @@ import aiomqtt
 import anyio
 import pytest
 
+from benchmarks.service.mosquitto import Mosquitto, running
 from rs485bus import remote
 from rs485bus.errors import (
     BrokerError,
     LimitExceeded,
     MoveCancelled,
+    NoReply,
     NotInControl,
     NotSupported,
     RequestMalformed,
@@ -24,7 +29,6 @@ from rs485bus.errors import (
 from rs485bus.plant import Plant
 from rs485bus.service.topics import Topics
 from tests.real.support import in_real_time
-from benchmarks.service.mosquitto import Mosquitto, running
 from tests.service.serving import CELL, serving
 
 FAMILIES = """
@@ -226,6 +230,25 @@ def test_a_block_that_is_left_by_an_exception_stops(tmp_path: Path, broker: Mosq
             assert await plant.x.idle()
             async with remote.connect(broker.url, plant=plant.name) as cell:
                 await cell.y.enable()
+
+    in_real_time(main, 20)
+
+
+def test_a_service_and_a_client_end_in_time_though_the_broker_does_not_answer(tmp_path: Path) -> None:
+    async def main() -> None:
+        with running(tmp_path) as broker:
+            async with contextlib.AsyncExitStack() as stack:
+                plant, _ = await stack.enter_async_context(serving(tmp_path, broker.url))
+                cell = await stack.enter_async_context(remote.connect(broker.url, plant=plant.name, patience=1.0))
+                await cell.x.enable()
+                os.kill(broker.pid, signal.SIGSTOP)
+                began = asyncio.get_running_loop().time()
+                try:
+                    with pytest.raises(NoReply):
+                        await stack.aclose()
+                    assert asyncio.get_running_loop().time() - began < 6
+                finally:
+                    os.kill(broker.pid, signal.SIGCONT)
 
     in_real_time(main, 20)
 

@@ -1,0 +1,165 @@
+"""Fifty plants of eight axes at one broker: latencies, loss, memory."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import random
+import statistics
+import sys
+from collections import Counter
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from benchmarks.service.drives import plant_file
+from benchmarks.service.mosquitto import running
+from benchmarks.service.processes import cpu_seconds, memory
+from rs485bus.errors import BusError
+from rs485bus.plant import Plant
+from rs485bus.remote import RemotePlant, connect
+from rs485bus.service.broker import Broker
+from rs485bus.service.ledger import Ledger
+from rs485bus.service.service import Service
+
+_DRIVES = 8
+_EACH = 10
+"""Plants in one process."""
+
+
+@dataclass(slots=True)
+class Many:
+    """What was measured."""
+
+    plants: int
+    seconds: float
+    moves: Counter[str] = field(default_factory=Counter)
+    questions: list[float] = field(default_factory=list)
+    """Seconds until a question to a drive was answered."""
+    states: int = 0
+    lost: int = 0
+    memory: list[tuple[float, float]] = field(default_factory=list)
+    """MB of a process of services after a while, and at the end."""
+    broker_memory: float = 0.0
+    cpu: float = 0.0
+    broker_cpu: float = 0.0
+
+    @property
+    def holds(self) -> bool:
+        return self.lost == 0 and set(self.moves) <= {"done"}
+
+    def __str__(self) -> str:
+        ordered = sorted(1000 * seconds for seconds in self.questions)
+        grown = max(end - begin for begin, end in self.memory)
+        return (
+            f"{self.plants} plants of {_DRIVES} axes for {self.seconds:.0f} s: {dict(self.moves)} moves; a question to "
+            f"a drive is answered after {statistics.median(ordered):.0f} ms (median), "
+            f"{ordered[int(0.99 * len(ordered))]:.0f} ms (99 %); states lost {self.lost} of {self.states}; memory "
+            f"{max(end for _, end in self.memory):.0f} MB for {_EACH} plants and their drives (grown by {grown:.1f}), "
+            f"mosquitto {self.broker_memory:.0f} MB; CPU {100 * self.cpu:.0f} % of a core for all services and their "
+            f"drives, mosquitto {100 * self.broker_cpu:.1f} %"
+        )
+
+
+async def measure(folder: Path, plants: int, seconds: float) -> Many:
+    """Serve so many plants, use each, and look."""
+    many = Many(plants, seconds)
+    names = [f"plant{number}" for number in range(plants)]
+    with running(folder) as broker:
+        async with contextlib.AsyncExitStack() as stack:
+            processes = []
+            for first in range(0, plants, _EACH):
+                served = names[first : first + _EACH]
+                processes.append(await stack.enter_async_context(_served(folder, broker.url, served)))
+            cells = [await stack.enter_async_context(connect(broker.url, plant=name, lease=5.0)) for name in names]
+            for cell in cells:
+                _count(cell, many)
+            using = [asyncio.create_task(_use(cell, many)) for cell in cells]
+            await asyncio.sleep(min(30.0, seconds / 3))
+            began = [(memory(process.pid), cpu_seconds(process.pid)) for process in processes]
+            broker_began = cpu_seconds(broker.pid)
+            rest = seconds - min(30.0, seconds / 3)
+            await asyncio.sleep(rest)
+            many.memory = [(begin, memory(process.pid)) for (begin, _), process in zip(began, processes, strict=True)]
+            taken = [cpu_seconds(process.pid) - cpu for (_, cpu), process in zip(began, processes, strict=True)]
+            many.cpu, many.broker_cpu = sum(taken) / rest, (cpu_seconds(broker.pid) - broker_began) / rest
+            many.broker_memory = memory(broker.pid)
+            for task in using:
+                task.cancel()
+            await asyncio.gather(*using, return_exceptions=True)
+            await asyncio.gather(*(cell.stop().wait() for cell in cells))
+    return many
+
+
+def _count(cell: RemotePlant, many: Many) -> None:
+    last: dict[str, int] = {}
+
+    def count(name: str, report: object) -> None:
+        number: int = report.n  # type: ignore[attr-defined] # an AxisReport
+        many.states += 1
+        many.lost += max(0, number - last.get(name, number - 1) - 1)
+        last[name] = number
+
+    cell.session.on_state.append(count)
+
+
+async def _use(cell: RemotePlant, many: Many) -> None:
+    """Ask, and move two axes together, every other second or so."""
+    loop = asyncio.get_running_loop()
+    chance = random.Random(cell.name)
+    axes = list(cell.axes)
+    for name in axes:
+        await cell.axes[name].enable()
+    while True:
+        began = loop.time()
+        await cell.axes[chance.choice(axes)].position()
+        many.questions.append(loop.time() - began)
+        pair = {name: chance.uniform(-2, 2) for name in chance.sample(axes, 2)}
+        try:
+            await cell.move_to(**pair)
+            many.moves["done"] += 1
+        except BusError as error:
+            many.moves[type(error).__name__] += 1
+        await asyncio.sleep(chance.uniform(1, 3))
+
+
+@contextlib.asynccontextmanager
+async def _served(folder: Path, url: str, names: list[str]) -> AsyncIterator[asyncio.subprocess.Process]:
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "benchmarks.service.many", str(folder), url, *names),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+    )
+    try:
+        assert process.stdout is not None
+        await process.stdout.readline()
+        yield process
+    finally:
+        assert process.stdin is not None
+        process.stdin.close()
+        await process.wait()
+
+
+async def _serve(folder: Path, url: str, names: list[str]) -> None:
+    """Serve plants with virtual drives until the standard input ends."""
+    async with contextlib.AsyncExitStack() as stack:
+        services = []
+        for name in names:
+            file = folder / f"{name}.toml"
+            file.write_text(plant_file(name, {"b0": "/dev/null"}, _DRIVES, rpm=600))
+            plant = await stack.enter_async_context(Plant.load(file, sim=True))
+            ledger = Ledger(folder / f"{name}.sqlite")
+            stack.callback(ledger.close)
+            service = Service(plant, Broker.at(url), ledger)
+            services.append(asyncio.create_task(service.run()))
+            await service.online.wait()
+        print(json.dumps(names), flush=True)
+        await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
+        for running_service in services:
+            running_service.cancel()
+        await asyncio.gather(*services, return_exceptions=True)
+
+
+if __name__ == "__main__":
+    asyncio.run(_serve(Path(sys.argv[1]), sys.argv[2], sys.argv[3:]))

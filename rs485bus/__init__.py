@@ -9,10 +9,10 @@ if TYPE_CHECKING:
     from rs485bus.bus.opening import open_bus
     from rs485bus.bus.schedule.job import Urgency
     from rs485bus.devices.mks import MksServo
-    from rs485bus.devices.move import Move, MoveState
     from rs485bus.devices.tlr import TlrStepper
     from rs485bus.devices.zlac import DifferentialDrive, Zlac8015d
-    from rs485bus.group import AxisGroup, GroupMove
+    from rs485bus.motion.group.axis_group import AxisGroup, GroupMove
+    from rs485bus.motion.move import Move, MoveState
     from rs485bus.plant import Plant
     from rs485bus.wire.registers import Repeat
     from rs485bus.wire.timing import LineSettings
@@ -38,15 +38,15 @@ __all__ = [
 ]
 
 _HOMES = {
-    "AxisGroup": "group",
+    "AxisGroup": "motion.group.axis_group",
     "Bus": "bus.bus",
     "BusConfig": "bus.config",
     "DifferentialDrive": "devices.zlac",
-    "GroupMove": "group",
+    "GroupMove": "motion.group.axis_group",
     "LineSettings": "wire.timing",
     "MksServo": "devices.mks",
-    "Move": "devices.move",
-    "MoveState": "devices.move",
+    "Move": "motion.move",
+    "MoveState": "motion.move",
     "Plant": "plant",
     "Repeat": "wire.registers",
     "TlrStepper": "devices.tlr",
@@ -62,9 +62,8 @@ _MODULES = (
     "compat",
     "devices",
     "errors",
-    "group",
+    "motion",
     "plant",
-    "profile",
     "sim",
     "transport",
     "wire",

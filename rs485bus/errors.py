@@ -186,6 +186,10 @@ class DriveFault(MoveFailed):
     """The drive reports an error of its own."""
 
 
+class LimitReached(MoveFailed):
+    """A limit has stopped the axis: a switch, a soft limit of the drive, or the axis' own `limits`."""
+
+
 class HomingFailed(MoveFailed):
     """Homing ended without finding the origin."""
 

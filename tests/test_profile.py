@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rs485bus.profile import Profile, ramp_for, rpm_for, seconds_to
+from rs485bus.motion.profile import Profile, ramp_for, rpm_for, seconds_to
 from rs485bus.sim.motor import Motor
 
 turns = st.floats(0.001, 10_000)

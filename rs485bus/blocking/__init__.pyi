@@ -18,10 +18,9 @@ from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.bus.watchdog.report import WatchReport
 from rs485bus.devices.mks.homing import Homing
-from rs485bus.devices.mks.questions import Encoder, Homings, MksStatus
+from rs485bus.devices.mks.servo import Encoder, Homings, MksStatus
 from rs485bus.devices.mks.settings import Gains, MksProfile, PositionProtection, PulseDivider
 from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Inputs as Inputs2, Model, MotionDirection, OutputMask, ParameterDirection, Status, WorkMode
-from rs485bus.devices.move import MoveState
 from rs485bus.devices.tlr.homing import Homing as Homing2
 from rs485bus.devices.tlr.stepper import TlrStatus, Version
 from rs485bus.devices.tlr.tables import Path, SpeedPath
@@ -32,6 +31,9 @@ from rs485bus.devices.zlac.setup import ZlacSetup
 from rs485bus.devices.zlac.status import ZlacStatus
 from rs485bus.devices.zlac.telemetry import Snapshot
 from rs485bus.devices.zlac.values import Brake, ControlMode, Side
+from rs485bus.motion.events import Event
+from rs485bus.motion.move import MoveState
+from rs485bus.motion.sample import AxisSample
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
 from rs485bus.wire.private import Reply
@@ -59,53 +61,29 @@ def open_bus(port: str | PathLike[str] | Transport, *, baudrate: int | None = No
     Arguments and errors are those of `rs485bus.open_bus`.
     """
     ...
-class Halting:
-    """One axis, as it is stopped. The owner does that, whatever becomes of who asked for it.
-
-    Args:
-        bus: the bus its drive is on.
-        attached: its drive, as the bus knows it.
-        motion: what of the drive it is.
-        name: the axis, in messages.
-    """
-    bus: Bus
-    name: str
-
-class Travel(Halting):
-    """One axis, as it is looked at. Arguments as for `Conduct`."""
-    counts_per_turn: float
-    tolerance: int
-
-class Conduct(Travel):
-    """One axis, as moves are carried out on it.
-
-    Args:
-        bus: the bus its drive is on.
-        attached: its drive, as the bus knows it.
-        motion: what of the drive it is.
-        name: the axis, in messages.
-        tolerance: counts by which a position may differ from another that is to be the same.
-    """
-
-class Axis(Conduct):
+class Axis:
     """One motor.
 
     Args:
         bus: the bus its drive is on.
-        attached: its drive, as the bus knows it.
-        motion: what of the drive it is.
-        name: the axis, in messages.
+        drive: its drive.
+        number: which one of the drive's axes it is.
+        name: names it in messages.
+        supervisor: what looks at the drive.
         units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
         reverse: whether positive is the other way round.
         limits: lowest and highest position that may be gone to, in units; None for no limit.
         rpm: the speed of moves that name none.
         acceleration: the acceleration of moves that name none, in rpm/s.
-        tolerance: counts of the drive by which a position may differ from another that is to be the same.
+        tolerance: counts of the drive by which an axis that has arrived may differ from its target; None for 1°.
 
     Raises:
         LimitExceeded, ValueError: an argument is out of its range.
         TypeError: one is of a wrong type.
     """
+    counts_per_turn: float
+    bus: Bus
+    name: str
     units_per_turn: float
     reverse: bool
     limits: tuple[float, float] | None
@@ -126,6 +104,9 @@ class Axis(Conduct):
         After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
         """
         ...
+    def events(self) -> Stream[Event]:
+        """What happens to the axis from now on: faults, limits, stalls, restarts, trips, stops, lost and back."""
+        ...
     def idle(self) -> bool:
         """Whether nothing is queued and the motor stands."""
         ...
@@ -145,7 +126,8 @@ class Axis(Conduct):
             acceleration: in rpm/s; infinity for a jump.
 
         Raises:
-            LimitExceeded: one of them is out of its range; nothing is queued.
+            LimitExceeded: one of them is out of its range, or the drive cannot be told it within 5 %; nothing is
+                queued.
             TypeError: one of them is no number; nothing is queued.
         """
         ...
@@ -161,8 +143,17 @@ class Axis(Conduct):
             duration: seconds; None to go on until told otherwise.
 
         Raises:
-            LimitExceeded: one of them is out of its range; nothing is queued.
-            TypeError: one of them is no number; nothing is queued.
+            LimitExceeded, TypeError: as `move_to`.
+        """
+        ...
+    @property
+    def sample(self) -> AxisSample:
+        """What is known of the axis now, without a frame."""
+        ...
+    def samples(self, every: float = 0.05) -> Stream[AxisSample]:
+        """A sample about every so many seconds. Only what is older than that is asked for.
+
+        Where the drive does not answer, samples grow old (`age`).
         """
         ...
     def set_zero(self) -> Handle[None]:
@@ -180,6 +171,7 @@ class Axis(Conduct):
                 port was away. It is stopped further on.
         """
         ...
+    tolerance: int
     def velocity(self) -> float:
         """How fast the motor turns, in rpm."""
         ...
@@ -200,16 +192,16 @@ class AxisGroup:
     axes: Mapping[str, Axis]
     def __init__(self, **axes: Axis) -> None:
         ...
-    def disable(self) -> Everyone[None]:
+    def disable(self) -> HandleOfSeveral[None]:
         """Let go of all shafts, as `Axis.disable`."""
         ...
-    def emergency_stop(self) -> Everyone[None]:
+    def emergency_stop(self) -> HandleOfSeveral[None]:
         """Stop all axes as fast as their drives can; see them stand, and drop what is queued."""
         ...
-    def enable(self) -> Everyone[None]:
+    def enable(self) -> HandleOfSeveral[None]:
         """Energise all motors, as `Axis.enable`."""
         ...
-    def home(self) -> Everyone[float]:
+    def home(self) -> HandleOfSeveral[float]:
         """Find the origins of all axes, at once, each as its drive is set up for. All are waited for.
 
         Raises:
@@ -243,7 +235,7 @@ class AxisGroup:
     def positions(self) -> dict[str, float]:
         """Where each axis is, in its units."""
         ...
-    def stop(self) -> Everyone[None]:
+    def stop(self) -> HandleOfSeveral[None]:
         """Stop all axes, with their ramps; see them stand, and drop what is queued. It happens at once."""
         ...
 
@@ -316,7 +308,7 @@ class Bus:
     config: BusConfig
     broadcast: Broadcast
     stopped: list[Halted]
-    def mks(self, address: int, *, model: Model = ..., mode: WorkMode = ..., microsteps: int = 16, units_per_turn: float = 1.0, reverse: bool = False, positive: MotionDirection = ..., limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 1000.0, tolerance: int = 8) -> MksServo:
+    def mks(self, address: int, *, model: Model = ..., mode: WorkMode = ..., microsteps: int = 16, units_per_turn: float = 1.0, reverse: bool = False, positive: MotionDirection = ..., limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 1000.0, tolerance: int | None = None) -> MksServo:
         """The MKS SERVO drive at an address, 1..247. Settings and errors are those of `MksServo`.
 
         Asked for again, with the same settings or without, it is the same one: a notebook's cell can be run twice.
@@ -345,6 +337,9 @@ class Bus:
         ...
     def __enter__(self) -> Self: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+    def call_at(self, when: float, callback: Callable[[], None]) -> None:
+        """Have the owner call back when the time has come. Nothing can cancel that."""
+        ...
     def clear_emergency_stop(self) -> None:
         """Allow motion again, once the report of the emergency stop is there. Each axis then needs `enable()`.
 
@@ -380,6 +375,9 @@ class Bus:
     @property
     def flight(self) -> list[Record]:
         """The flight recorder: the latest 256 transactions, the oldest first."""
+        ...
+    def keep(self, kind: type[T], make: Callable[[], T]) -> T:
+        """The one object of a kind that a layer above keeps for this bus; made when it is first asked for."""
         ...
     @property
     def latched(self) -> bool:
@@ -508,6 +506,34 @@ class Cancellable(Handle[T]):
         ...
     def __enter__(self) -> Self: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+
+class Halting:
+    """One axis, as it is stopped. The owner does that, whatever becomes of who asked for it.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+    """
+    bus: Bus
+    name: str
+
+class Travel(Halting):
+    """One axis, as it is looked at. Arguments as for `Conduct`."""
+    counts_per_turn: float
+    tolerance: int
+
+class Conduct(Travel):
+    """One axis, as moves are carried out on it.
+
+    Args:
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+        tolerance: counts by which a position may differ from another that is to be the same.
+    """
 
 class DataFunctions:
     """What reads and writes a device's data."""
@@ -706,28 +732,104 @@ class DifferentialDrive:
         """
         ...
 
-class Everyone(Generic[T]):
-    """One command of each axis of a group. Awaiting it gives what comes of each, by name.
+class FormerAxis(Conduct):
+    """One motor.
 
     Args:
-        parts: the commands, by name.
-    """
-    parts: Mapping[str, Handle[T]]
-    def done(self) -> bool:
-        """Whether all have ended, well or not."""
-        ...
-    def wait(self, timeout: float | None = None) -> dict[str, T]:
-        """Wait for its end, and return its result.
+        bus: the bus its drive is on.
+        attached: its drive, as the bus knows it.
+        motion: what of the drive it is.
+        name: the axis, in messages.
+        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
+        reverse: whether positive is the other way round.
+        limits: lowest and highest position that may be gone to, in units; None for no limit.
+        rpm: the speed of moves that name none.
+        acceleration: the acceleration of moves that name none, in rpm/s.
+        tolerance: counts of the drive by which a position may differ from another that is to be the same.
 
-        A terminal or a notebook shows how far it is. Ctrl-C stops the motors first, and is raised when they stand.
+    Raises:
+        LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
+    """
+    units_per_turn: float
+    reverse: bool
+    limits: tuple[float, float] | None
+    rpm: float
+    acceleration: float
+    def disable(self) -> Handle[None]:
+        """Let go of the shaft, once what is queued before it is done and the motor stands. It can then be turned."""
+        ...
+    def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target."""
+        ...
+    def emergency_stop(self) -> Handle[None]:
+        """Stop as fast as the drive can, see that it stands, and drop what is queued."""
+        ...
+    def enable(self) -> Handle[None]:
+        """Energise the motor, so that it holds its position and takes moves.
+
+        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
+        """
+        ...
+    def idle(self) -> bool:
+        """Whether nothing is queued and the motor stands."""
+        ...
+    def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go a distance: from the target of the last move if that was reached, else from where the axis stands.
+
+        It is sent as an absolute target, so that it happens once, however often it must be said. Arguments and errors
+        as for `move_to`.
+        """
+        ...
+    def move_to(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go to a position.
 
         Args:
-            timeout: seconds; None for as long as it takes.
+            position: in the axis' units.
+            rpm: the speed, above 0.
+            acceleration: in rpm/s; infinity for a jump.
 
         Raises:
-            RequestFailed, MotionError: why it failed.
-            TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
+            LimitExceeded: one of them is out of its range; nothing is queued.
+            TypeError: one of them is no number; nothing is queued.
         """
+        ...
+    def position(self) -> float:
+        """Where the axis is, in its units."""
+        ...
+    def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
+        """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
+
+        Args:
+            rpm: the speed; its sign is the direction, and 0 slows down to a stand.
+            acceleration: in rpm/s; infinity for a jump.
+            duration: seconds; None to go on until told otherwise.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+            TypeError: one of them is no number; nothing is queued.
+        """
+        ...
+    def set_zero(self) -> Handle[None]:
+        """Make the position at which the axis then stands its zero."""
+        ...
+    def stop(self) -> Handle[None]:
+        """Stop with the ramp of the running move, see that it stands, and drop what is queued.
+
+        It happens at once, whether the handle is awaited or not, and is repeated until it is confirmed by reading. A
+        repetition is the same stop. An emergency stop follows where the drive acknowledged it and does not stand after
+        one and a half times its stopping time, or where it acknowledged neither of two.
+
+        Raises:
+            StopUnconfirmed: when it is awaited: the axis could not be seen standing after three stops, or while the
+                port was away. It is stopped further on.
+        """
+        ...
+    def velocity(self) -> float:
+        """How fast the motor turns, in rpm."""
+        ...
+    def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:
+        """Guard the axis by its drive's own watchdog while a block runs. As `Bus.watchdog`."""
         ...
 
 class GroupMove(Cancellable[dict[str, float]]):
@@ -765,7 +867,31 @@ class GroupMove(Cancellable[dict[str, float]]):
         """
         ...
 
-class HubMotor(Axis):
+class HandleOfSeveral(Generic[T]):
+    """One command of each axis of a group. Awaiting it gives what comes of each, by name.
+
+    Args:
+        parts: the commands, by name.
+    """
+    parts: Mapping[str, Handle[T]]
+    def done(self) -> bool:
+        """Whether all have ended, well or not."""
+        ...
+    def wait(self, timeout: float | None = None) -> dict[str, T]:
+        """Wait for its end, and return its result.
+
+        A terminal or a notebook shows how far it is. Ctrl-C stops the motors first, and is raised when they stand.
+
+        Args:
+            timeout: seconds; None for as long as it takes.
+
+        Raises:
+            RequestFailed, MotionError: why it failed.
+            TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
+        """
+        ...
+
+class HubMotor(FormerAxis):
     """One motor, as `ZlacWheel` without its commands.
 
     Args:
@@ -852,126 +978,17 @@ class Inputs(Table[DiFunction]):
         """Which are on."""
         ...
 
-class MksDrive(Axis):
-    """One drive, as `MksServo` without what it can be asked, set to and told but to move."""
-    address: int
-    model: Model
-    mode: WorkMode
-    microsteps: int
-    positive: MotionDirection
-    counts_per_turn: float
-
-class Retargeting(Axis):
-    """An axis whose absolute moves can be changed while they are under way."""
-    def retarget(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Handle[None]:
-        """Change target, speed and acceleration of the `move_to` or `move_by` under way, without a stop.
-
-        The move keeps its handle, and is done where it goes now. The handle returned is done once the drive took the
-        change. Arguments as for `move_to`.
-
-        Raises:
-            LimitExceeded: one of them is out of its range; nothing is sent.
-            MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
-        """
-        ...
-
-class MksMoves(MksDrive, Retargeting):
-    """Moves in the drive's own units, and changes of a move under way.
-
-    Pulses are 200 times the microsteps a turn, counts 0x4000 a turn; both have the sign of positions. Whether the drive
-    counts pulses and coordinates in the same direction only hardware tells: where it does not, such a move ends as
-    `ReferenceLost` or `MoveFailed`.
-    """
-    def move_by_counts(self, counts: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
-        """Go so many counts, by a relative command (9.3). As `move_by_pulses`, for -2147483648..2147483647 counts.
-
-        It also goes where `move_to` and `move_by` cannot: beyond the 32 bits of an absolute target.
-        """
-        ...
-    def move_by_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
-        """Go so many pulses, by a relative command (9.1). `move_by` is safer: it can be said twice.
-
-        Where its answer is lost, it is said again only if status and position show that it was not taken. A move too
-        short to tell (`tolerance`) raises `OutcomeUnknown` then, and the axis moves only after `enable()`.
-
-        Args:
-            pulses: -4294967295..4294967295, not 0.
-            rpm: the speed, above 0.
-            acceleration: in rpm/s; infinity for a jump.
-
-        Raises:
-            LimitExceeded: one of them is out of its range; nothing is queued.
-        """
-        ...
-    def move_to_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
-        """Go to a position counted in pulses from zero (9.2): -2147483648..2147483647. Else as `move_to`."""
-        ...
-
-class MksOrigin(MksDrive):
-    """Homing."""
-    def home(self, homing: Homing | None = None, *, timeout: float = 60.0) -> Move:
-        """Find the origin, and make it zero (5.1).
-
-        Args:
-            homing: `SwitchHoming`, `StopHoming` or `SingleTurnHoming`; None for what the drive is set up for.
-            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
-
-        Raises:
-            LimitExceeded: a value is out of its range; nothing is queued.
-            TypeError: one is of a wrong type; nothing is queued.
-        """
-        ...
-    def return_to_zero(self, *, timeout: float = 60.0) -> Move:
-        """Go straight to the coordinate zero, at the drive's own speed (5.2). The motor must be enabled.
-
-        Args:
-            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
-        """
-        ...
-
-class MksQuestions(MksDrive):
-    """The reads of a drive. Each raises `NoReply`, or `NotSent` and what is derived from it."""
-    def angle_error(self) -> float:
-        """By how much the shaft differs from where it should be, in degrees (3.1.5)."""
-        ...
-    def counts(self) -> int:
-        """The coordinate: 48 bits, 0x4000 counts a turn (3.1.2). `position` is this in the axis' units."""
-        ...
-    def enabled(self) -> bool:
-        """Whether the motor is energised (3.1.6)."""
-        ...
-    def encoder(self) -> Encoder:
-        """The encoder as carry and value (3.1.1)."""
-        ...
-    def homed(self) -> Homings:
-        """How the homings stand (3.1.7)."""
-        ...
-    def inputs(self) -> Inputs2:
-        """The levels of the ports (4.1). With remapped limits IN_1 is En and IN_2 is Dir."""
-        ...
-    def pulses(self) -> int:
-        """The pulses received, 200 times the microsteps a turn, as 32 bits without a sign (3.1.4)."""
-        ...
-    def running(self) -> Status:
-        """What the motor does (7.2.1). Some drives have been seen stuck at "slowing down" while they stand."""
-        ...
-    def stalled(self) -> bool:
-        """Whether the drive has noticed a stall (3.4.3)."""
-        ...
-    def status(self) -> MksStatus:
-        """All that tells how the drive is."""
-        ...
-    def version(self) -> int:
-        """The version of the firmware, 32 bits of which the manual gives no layout (3.1.8)."""
-        ...
-
-class MksSetup(MksDrive):
+class MksSetup(Axis):
     """Settings. Each joins the queue and returns a handle, is kept by the drive when it is switched off, and wears its
     flash (see `Cost`); `set_current(..., save=False)` is the exception.
 
     Every method raises `LimitExceeded` for a value out of its range, before anything is queued. The handle raises
     `NotStanding` where the motor turns and must not, and what a request can end in (`DeviceRefused`, `NoReply`, ...).
     """
+    @property
+    def acknowledged(self) -> MksProfile:
+        """The settings that the drive has acknowledged to this facade. They cannot be read back."""
+        ...
     def set_close_gains(self, gains: Gains) -> Handle[None]:
         """The gains in the CLOSE modes, each 0..1024 (3.3.2). The motor must stand."""
         ...
@@ -1039,8 +1056,41 @@ class MksSetup(MksDrive):
         """
         ...
 
-class MksService(MksSetup):
-    """Outputs, stalls, restarts, silence, and what the drive does at power-on."""
+class MksServo(MksSetup):
+    """An MKS SERVO drive and its motor.
+
+    A drive that restarts counts from zero where it then stands, and says nothing of it. It is noticed by a jump of the
+    position, by the enabling, and by the homing status. What stands at zero and was not homed since it was switched on,
+    but set to zero, shows no difference: `home()` where a restart must not go unnoticed.
+
+    Args:
+        bus: the bus it is on.
+        address: 1..247.
+        model: which drive; it limits the current, and only a 57D has outputs.
+        mode: the work mode it is set to. It cannot be read; `set_mode` sets it. The bus moves it in the SR modes only.
+        microsteps: what it is set to, 1..255. At others than 16, 32 and 64 the drive takes speeds for something else
+            (7.1); that is compensated for.
+        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
+        reverse: whether positive is the other way round. Which way the shaft then turns is not promised.
+        positive: the direction of 0xF6 and 0xFD in which the position of 0x31 grows. The manual's text and its
+            examples disagree (3.1.1, 3.1.2); where `run` goes the other way than `move_to`, it is
+            `MotionDirection.CW`.
+        limits: lowest and highest position that may be gone to, in units.
+        rpm: the speed of moves that name none.
+        acceleration: the acceleration of moves that name none: 78.4..20000 rpm/s.
+        tolerance: counts (1/16384 turn) by which an axis that has arrived may differ from its target; None for 1°.
+
+    Raises:
+        AddressInUse: there is a facade for this address already.
+        LimitExceeded, ValueError: an argument is out of its range.
+        TypeError: one is of a wrong type.
+    """
+    address: int
+    def __init__(self, bus: Bus, address: int, *, model: Model = ..., mode: WorkMode = ..., microsteps: int = 16, units_per_turn: float = 1.0, reverse: bool = False, positive: MotionDirection = ..., limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 1000.0, tolerance: int | None = None) -> None:
+        ...
+    def angle_error(self) -> float:
+        """By how much the shaft differs from where it should be, in degrees (3.1.5)."""
+        ...
     def calibrate(self, *, timeout: float = 60.0) -> Handle[None]:
         """Calibrate the encoder (3.2.1). The shaft must be free: it turns by itself, and the drive restarts.
 
@@ -1049,6 +1099,22 @@ class MksService(MksSetup):
         Args:
             timeout: seconds after which a drive that has not come back makes the handle raise `MotionError`.
         """
+        ...
+    def clear_fault(self) -> Handle[None]:
+        """End the state of a stall (3.4.4), the one fault that the drive reports. Raises `MotorStalled` if it lasts.
+
+        The motor then holds again where the drive says `enabled`.
+        """
+        ...
+    def counts(self) -> int:
+        """The coordinate: 48 bits, 0x4000 counts a turn (3.1.2). `position` is this in the axis' units."""
+        ...
+    counts_per_turn: float
+    def enabled(self) -> bool:
+        """Whether the motor is energised (3.1.6)."""
+        ...
+    def encoder(self) -> Encoder:
+        """The encoder as carry and value (3.1.1)."""
         ...
     def enter_boot(self) -> Handle[None]:
         """Restart the drive into its boot mode, where it waits for firmware (3.6). It answers no Modbus from then on.
@@ -1063,13 +1129,97 @@ class MksService(MksSetup):
         then it answers at address 1 and 38400 bit/s. Work mode and microsteps are written again before it moves.
         """
         ...
+    def home(self, homing: Homing | None = None, *, timeout: float = 60.0) -> Move:
+        """Find the origin, and make it zero (5.1).
+
+        Args:
+            homing: `SwitchHoming`, `StopHoming` or `SingleTurnHoming`; None for what the drive is set up for.
+            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
+
+        Raises:
+            LimitExceeded: a value is out of its range; nothing is queued.
+            TypeError: one is of a wrong type; nothing is queued.
+        """
+        ...
+    def homed(self) -> Homings:
+        """How the homings stand (3.1.7)."""
+        ...
+    def inputs(self) -> Inputs2:
+        """The levels of the ports (4.1). With remapped limits IN_1 is En and IN_2 is Dir."""
+        ...
+    @property
+    def microsteps(self) -> int:
+        """The microsteps, as far as is known: they cannot be read."""
+        ...
+    @property
+    def mode(self) -> WorkMode:
+        """The work mode, as far as is known: it cannot be read."""
+        ...
+    @property
+    def model(self) -> Model:
+        """Which drive it is."""
+        ...
+    def motor_status(self) -> Status:
+        """What the motor does (7.2.1). Some drives have been seen stuck at "slowing down" while they stand."""
+        ...
+    def move_by_counts(self, counts: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go so many counts, by a relative command (9.3). As `move_by_pulses`, for -2147483648..2147483647 counts.
+
+        It also goes where `move_to` and `move_by` cannot: beyond the 32 bits of an absolute target.
+        """
+        ...
+    def move_by_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go so many pulses, by a relative command (9.1). `move_by` is safer: it can be said twice.
+
+        Pulses are 200 times the microsteps a turn, counts 0x4000 a turn; both have the sign of positions. Whether the
+        drive counts both in the same direction only hardware tells: where it does not, such a move fails.
+
+        Where its answer is lost, it is said again only if status and position show that it was not taken. A move too
+        short to tell raises `OutcomeUnknown` then, and the axis moves only after `enable()`.
+
+        Args:
+            pulses: -4294967295..4294967295, not 0.
+            rpm: the speed, above 0.
+            acceleration: in rpm/s; infinity for a jump.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is queued.
+        """
+        ...
+    def move_to_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
+        """Go to a position counted in pulses from zero (9.2): -2147483648..2147483647. Else as `move_to`."""
+        ...
+    def pulses(self) -> int:
+        """The pulses received, 200 times the microsteps a turn, as 32 bits without a sign (3.1.4)."""
+        ...
     def release_stall(self) -> Handle[None]:
-        """End the state of a stall (3.4.4). The motor then holds again where the drive says `enabled`."""
+        """The same as `clear_fault`."""
         ...
     def restart(self, *, timeout: float = 10.0) -> Handle[None]:
         """Start the drive anew (3.5.2). It counts from zero then: `enable`, and `home` or `set_zero`. As `calibrate`
         otherwise.
         """
+        ...
+    def retarget(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Handle[None]:
+        """Change target, speed and acceleration of the `move_to` or `move_by` under way, without a stop.
+
+        The move keeps its handle, and is done where it goes now. The handle returned is done once the drive took the
+        change. Arguments as for `move_to`.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is sent.
+            MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
+        """
+        ...
+    def return_to_zero(self, *, timeout: float = 60.0) -> Move:
+        """Go straight to the coordinate zero, at the drive's own speed (5.2). The motor must be enabled.
+
+        Args:
+            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
+        """
+        ...
+    def running(self) -> Status:
+        """The former name of `motor_status`: it is true for a standing motor, too."""
         ...
     def set_heartbeat(self, seconds: float) -> Handle[None]:
         """The time after which the drive stops its motor where it hears nothing: 0 (off) to 4294967.295 s (3.2.14).
@@ -1109,40 +1259,17 @@ class MksService(MksSetup):
         The motor must stand. The drive cannot be stopped over the bus meanwhile.
         """
         ...
+    def stalled(self) -> bool:
+        """Whether the drive has noticed a stall (3.4.3)."""
+        ...
+    def status(self) -> MksStatus:
+        """All that tells how the drive is."""
+        ...
+    def version(self) -> int:
+        """The version of the firmware, 32 bits of which the manual gives no layout (3.1.8)."""
+        ...
     def wake(self) -> Handle[None]:
         """Have a silent drive answer again (3.6), also one that some other program silenced."""
-        ...
-
-class MksServo(MksMoves, MksOrigin, MksService, MksQuestions):
-    """An MKS SERVO drive and its motor.
-
-    A drive that restarts counts from zero where it then stands, and says nothing of it. It is noticed by a jump of the
-    position, by the enabling, and at zero by the homing status. What stands at zero and was not homed since it was
-    switched on, but set to zero, shows no difference: `home()` where a restart must not go unnoticed.
-
-    Args:
-        bus: the bus it is on.
-        address: 1..247.
-        model: which drive; it limits the current, and only a 57D has outputs.
-        mode: the work mode it is set to. It cannot be read; `set_mode` sets it. The bus moves it in the SR modes only.
-        microsteps: what it is set to, 1..255. At others than 16, 32 and 64 the drive takes speeds for something else
-            (7.1); that is compensated for.
-        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
-        reverse: whether positive is the other way round. Which way the shaft then turns is not promised.
-        positive: the direction of 0xF6 and 0xFD in which the position of 0x31 grows. The manual's text and its
-            examples disagree (3.1.1, 3.1.2); where `run` goes the other way than `move_to`, it is
-            `MotionDirection.CW`.
-        limits: lowest and highest position that may be gone to, in units.
-        rpm: the speed of moves that name none.
-        acceleration: the acceleration of moves that name none: 78.4..20000 rpm/s.
-        tolerance: counts (1/16384 turn) by which a position may differ from its target.
-
-    Raises:
-        AddressInUse: there is a facade for this address already.
-        LimitExceeded, ValueError: an argument is out of its range.
-        TypeError: one is of a wrong type.
-    """
-    def __init__(self, bus: Bus, address: int, *, model: Model = ..., mode: WorkMode = ..., microsteps: int = 16, units_per_turn: float = 1.0, reverse: bool = False, positive: MotionDirection = ..., limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 1000.0, tolerance: int = 8) -> None:
         ...
 
 class Move(Cancellable[float]):
@@ -1199,6 +1326,20 @@ class Paths(Table[Path]):
         ...
     def set_trigger(self, trigger: PathTrigger) -> Handle[None]:
         """Whether a trigger interrupts a positioning under way, as shipped, or is ignored (3.2.2)."""
+        ...
+
+class Retargeting(FormerAxis):
+    """An axis whose absolute moves can be changed while they are under way."""
+    def retarget(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Handle[None]:
+        """Change target, speed and acceleration of the `move_to` or `move_by` under way, without a stop.
+
+        The move keeps its handle, and is done where it goes now. The handle returned is done once the drive took the
+        change. Arguments as for `move_to`.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is sent.
+            MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
+        """
         ...
 
 class SpeedPaths(Table[SpeedPath]):

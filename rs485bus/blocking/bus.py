@@ -100,7 +100,7 @@ class Bus(_BusFace):
 
     def group(self, **axes: Face) -> Any:
         """Axes that move together, each by a name of its own. Errors are those of `AxisGroup`."""
-        from rs485bus.group import AxisGroup
+        from rs485bus.motion.group.axis_group import AxisGroup
 
         return face_class(AxisGroup)(**axes)
 

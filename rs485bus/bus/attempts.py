@@ -129,6 +129,8 @@ class Attempts:
             self._feeding.heard(unit.address, since)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame
+                if unit.attached is not None:
+                    unit.attached.on_reply(request, frame, since, self._clock.now)
                 self._end(waiting, Outcome.REPLY)
 
     def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
@@ -169,8 +171,8 @@ class Attempts:
             self._feeding.fed(unit.address, self._clock.now - job.sent_at - air)
         if job.request.writes:
             self._register_writes.acknowledged(job, unit)
-        if unit.attached is not None and job.internal and since == job.sent_at:
-            unit.attached.told(job.request, frame, since)
+        if unit.attached is not None:
+            unit.attached.on_reply(job.request, frame, since, self._clock.now)
         self._end(job, Outcome.REPLY)
 
     def _is_anothers(self, job: Job, unit: UnitState, frame: bytes) -> bool:
@@ -213,7 +215,7 @@ class Attempts:
                 self._units.unanswered(unit, job, self._clock.now)
         self._pair.end(self._units.late(self._clock.now), self._clock.now, answered=False)
         self._fed_nothing(job, how)
-        if job.urgency in _STOPPING and self._feeding.guards_others(job.address):
+        if job.urgency in _STOPPING and unit.halt is not None and self._feeding.guards_others(job.address):
             self._gate.ration.spend(self._clock.now - job.sent_at, self._clock.now)
         if in_doubt:
             read = unit.harmless_read()

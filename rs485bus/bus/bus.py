@@ -77,6 +77,7 @@ class Bus:
         self._units: dict[int, Unit] = {}
         self._members: list[BusMember] = []
         self._unseen: list[Handle[Any]] = []
+        self._kept: dict[type, object] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
         self._closing: asyncio.Task[None] | None = None
         self._emergency: Handle[EmergencyReport] | None = None
@@ -389,9 +390,9 @@ class Bus:
                 raise
         if job.outcome is Outcome.REPLY:
             return job.reply
-        family = None if attached is None else attached.family
+        family, refusals = (None, None) if attached is None else (attached.family, attached.refusals)
         unit = self._owner.units[request.address]
-        raise failure(job, self.flight, family, self._port.trouble, self._port.advice, unit.explain)
+        raise failure(job, self.flight, family, self._port.trouble, self._port.advice, unit.explain, refusals)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""
@@ -443,6 +444,19 @@ class Bus:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> None:
+        """Have the owner call back when the time has come. Nothing can cancel that."""
+        self._owner.at(when, callback)
+        self._pump.look()
+
+    def keep(self, kind: type[T], make: Callable[[], T]) -> T:
+        """The one object of a kind that a layer above keeps for this bus; made when it is first asked for."""
+        kept = self._kept.get(kind)
+        if kept is None:
+            kept = self._kept[kind] = make()
+        assert isinstance(kept, kind)
+        return kept
 
     def poke(self) -> None:
         """The owner has something new to wait for."""

@@ -40,6 +40,8 @@ class BusConfig:
     """Requests that may wait at once. 1..1,000,000."""
     echo: Literal["auto"] | bool = "auto"
     """Whether the adapter returns what is sent. "auto" finds out with the first frame, which is a read."""
+    supervision: float = 0.25
+    """How old what is known of an axis that may move becomes at most, where the wire has room for that. 0.05..5."""
     close_timeout: float = 5.0
     """How long closing may take to see every axis standing. 0.1..60."""
     foreign_watchdog: Literal["keep", "off"] = "keep"
@@ -75,6 +77,7 @@ class BusConfig:
         _within("late_reply_window", self.late_reply_window, 0.05, 10)
         whole("offline_after", self.offline_after, 1, 100)
         whole("max_queued", self.max_queued, 1, 1_000_000)
+        _within("supervision", self.supervision, 0.05, 5)
         _within("close_timeout", self.close_timeout, 0.1, 60)
         _within("reopen_max", self.reopen_max, 0.01, 60)
         _within("reopen_min", self.reopen_min, 0.01, self.reopen_max)

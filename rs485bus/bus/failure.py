@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypedDict
 
 from rs485bus.bus.line.diagnosis import CHECK, tell
@@ -103,6 +103,7 @@ def failure(
     port: str = "",
     advice: str = "",
     explain: Callable[[bytes], str] = lambda heard: "",
+    refusals: Mapping[int, str] | None = None,
 ) -> RequestFailed:
     """The exception that says how the job ended, for every end but a reply.
 
@@ -114,11 +115,12 @@ def failure(
         advice: what explains that answers do not come; empty where nothing is known.
         explain: what some bytes mean that are no answer, or that there are none, in view of the device asked; empty
             where that is nothing special.
+        refusals: what exception codes mean to the device, where it gives them a meaning of its own.
     """
     details = _Details(address=job.address, request=job.request.adu, attempts=job.attempts, code=job.code)
     what = str(job.request)
     if job.outcome is Outcome.REFUSED:
-        return DeviceRefused(_refused(job, family), **details)
+        return DeviceRefused(_refused(job, family, refusals or {}), **details)
     if job.outcome is Outcome.NOT_SENT:
         error, why = _NOT_SENT[job.reason]
         if port and job.reason in _AWAY:
@@ -144,8 +146,11 @@ def failure(
     )
 
 
-def _refused(job: Job, family: str | None) -> str:
+def _refused(job: Job, family: str | None, refusals: Mapping[int, str]) -> str:
     """What a refusal says, and whether a part of it may have been done all the same."""
+    if job.code is not None and job.code in refusals:
+        said = f"{family} {job.address} refuses, {refusals[job.code]} (exception {job.code:02})"
+        return f"{said}: {job.request}. {what_was_done(job.request, job.code)}"
     named = "in its reply" if job.code is None else named_exception(job.code)
     return f"Refused, {named}: {job.request}. {what_was_done(job.request, job.code)}{_stranger(job.code, family)}"
 

@@ -343,6 +343,7 @@ class Owner:
             self.one_way.add(job, over)
         if job.request.writes:
             self._register_writes.sent(job)
+            self.units.tell_sent(job, start)
         return job.request.adu
 
     def _may_be_hurried(self, job: Job) -> bool:

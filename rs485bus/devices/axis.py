@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rs485bus.arguments import flag, pair, positive, real, whole
@@ -19,32 +18,16 @@ from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.devices.conduct import Conduct
-from rs485bus.devices.joint import Company, JointMove
-from rs485bus.devices.move import Move
-from rs485bus.devices.pace import Pace, quickest
 from rs485bus.devices.travel import Look
 from rs485bus.errors import BusClosed, EmergencyStopped, LimitExceeded, MoveCancelled, NotSent
+from rs485bus.motion.group.member import GroupAxis, GroupCoordinator, GroupMemberMove
+from rs485bus.motion.move import Move, MoveTarget
+from rs485bus.motion.parameters import MotionParameters, quickest
 
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """Where a move is to go, in units."""
-
-    what: str
-    """Names the move in messages."""
-    target: float | None
-    """Where that is, if it is said as a position."""
-    planned: float | None
-    """Where that is, as far as is known before those that are queued before it."""
-    position: Callable[[Look], float]
-    """Where that is, from where the move starts."""
-    reach: tuple[int, int]
-    """Between which targets it may lie, in counts."""
-
-
-class Axis(Conduct):
+class FormerAxis(Conduct):
     """One motor.
 
     Args:
@@ -182,21 +165,21 @@ class Axis(Conduct):
 
     # For groups
 
-    def goal_to(self, position: float) -> Goal:
+    def goal_to(self, position: float) -> MoveTarget:
         """A position, in units, as somewhere to go. Raises `LimitExceeded`."""
         position = self._number("position", position)
         self._target(position)
-        return Goal(f"move to {position:g}", position, position, lambda _: position, self.target_range)
+        return MoveTarget(f"move to {position:g}", position, position, lambda _: position, self.target_range)
 
-    def goal_by(self, distance: float) -> Goal:
+    def goal_by(self, distance: float) -> MoveTarget:
         """A distance, in units, as somewhere to go. Raises `LimitExceeded`."""
         distance = self._number("distance", distance)
         self._to_counts(distance)
         planned = None if self._planned is None else self._planned + distance
         if planned is not None:
             self._target(planned, self._reach)
-        return Goal(
-            f"move by {distance:g}", None, planned, lambda look: self._starts_from(look) + distance, self._reach
+        return MoveTarget(
+            f"move by {distance:g}", None, planned, lambda at: self._starts_from(at) + distance, self._reach
         )
 
     @property
@@ -214,9 +197,11 @@ class Axis(Conduct):
         self.bus.check_thread()
         self._orders.forgive()
 
-    def join(self, goal: Goal, who: str, company: Company) -> JointMove:
+    def join(self, goal: MoveTarget, who: str, coordinator: GroupCoordinator) -> GroupMemberMove:
         """Queue a move that is made together with others, and of which they say how fast it is."""
-        move = JointMove(f"{goal.what} of {self.name}", goal.target, self.position, self._cancel_move, who, company)
+        move = GroupMemberMove(
+            f"{goal.what} of {self.name}", goal.target, self.position, self._cancel_move, who, coordinator
+        )
         self._planned = goal.planned
 
         async def carry_out() -> float:
@@ -226,7 +211,7 @@ class Axis(Conduct):
         self._orders.add(move, carry_out)
         return move
 
-    def accompany(self, moves: Mapping[Axis, JointMove]) -> None:
+    def accompany(self, moves: Mapping[GroupAxis, GroupMemberMove]) -> None:
         """Know who starts with it, before it does."""
 
     # Questions
@@ -265,7 +250,7 @@ class Axis(Conduct):
         """The highest speed, in rpm, and what makes it that."""
 
     @abstractmethod
-    def _paced(self, rpm: float, acceleration: float) -> Pace:
+    def _paced(self, rpm: float, acceleration: float) -> MotionParameters:
         """What the drive makes of a speed that it can have, and of an acceleration.
 
         Raises:
@@ -286,7 +271,7 @@ class Axis(Conduct):
     def lowest_acceleration(self, rpm: float) -> float:
         """The slowest ramp to a speed, in rpm/s: the same for all speeds, or in proportion to them."""
 
-    def position_pace(self, rpm: float, acceleration: float) -> Pace:
+    def position_pace(self, rpm: float, acceleration: float) -> MotionParameters:
         """What the drive makes of a speed and an acceleration on its way to a position. Raises `LimitExceeded`."""
         return self._pace(rpm, acceleration)
 
@@ -308,7 +293,7 @@ class Axis(Conduct):
         """A number given to a verb. Raises `TypeError`; `LimitExceeded` for nan."""
         return real(f"{self.name}: {what}", value)
 
-    def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
+    def _pace(self, rpm: float | None, acceleration: float | None) -> MotionParameters:
         """What the drive makes of a speed and an acceleration; None for the axis' own. Raises as verbs do."""
         speed = self._number("rpm", self.rpm if rpm is None else rpm)
         ramp = self._number("acceleration", self.acceleration if acceleration is None else acceleration)
@@ -382,10 +367,10 @@ class Axis(Conduct):
             )
         self._orders.check()
 
-    def _starts_from(self, look: Look) -> float:
+    def _starts_from(self, counts: int) -> float:
         """Where a relative move starts: at the last target if that was reached, else where the axis stands."""
         if self._commanded is None:
-            return self._to_units(look.position)
+            return self._to_units(counts)
         exact = self._exact
         return (
             exact
@@ -393,24 +378,26 @@ class Axis(Conduct):
             else self._to_units(self._commanded)
         )
 
-    def _go(self, pace: Pace, goal: Goal) -> Move:
+    def _go(self, pace: MotionParameters, goal: MoveTarget) -> Move:
         move = self._new_move(goal.what, goal.target)
         self._planned = goal.planned
         self._orders.add(move, lambda: self._move(move, goal, pace))
         return move
 
-    async def _move(self, move: Move, goal: Goal, pace: Pace) -> float:
+    async def _move(self, move: Move, goal: MoveTarget, pace: MotionParameters) -> float:
         def target(look: Look) -> int:
-            move.target = goal.position(look)
+            move.target = goal.position(look.position)
             return self._target(move.target, goal.reach)
 
         look = await self._carry_out(move, target, pace)
         self._exact = move.target
-        if isinstance(move, JointMove):
+        if isinstance(move, GroupMemberMove):
             await self._stay(move, look)
         return self._to_units(look.position)
 
-    async def _run(self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None) -> float:
+    async def _run(
+        self, move: Move, rpm: float, pace: MotionParameters, duration: float | None, ticks: int | None
+    ) -> float:
         await self._carry_out_run(move, rpm, pace, duration, ticks)
         return await self.position()
 
@@ -435,3 +422,6 @@ def _limits(limits: tuple[float, float]) -> tuple[float, float]:
     if low > high:
         raise ValueError(f"limits {limits} are the wrong way round: (lowest, highest)")
     return low, high
+
+
+Axis = FormerAxis

@@ -13,9 +13,6 @@ import anyio
 
 from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.bus.watchdog.guard import admit_and_arm
-from rs485bus.devices.joint import JointMove
-from rs485bus.devices.move import Move, MoveState
-from rs485bus.devices.pace import Pace
 from rs485bus.devices.travel import FRESH, Look, Travel
 from rs485bus.errors import (
     DeviceOffline,
@@ -28,6 +25,9 @@ from rs485bus.errors import (
     ReferenceLost,
     RequestFailed,
 )
+from rs485bus.motion.group.member import GroupMemberMove
+from rs485bus.motion.move import Move, MoveState
+from rs485bus.motion.parameters import MotionParameters
 from rs485bus.wire.frames import Request
 
 _ATTEMPTS = 3
@@ -62,20 +62,20 @@ class Conduct(Travel):
     async def _read_velocity(self) -> float:
         """rpm, in the drive's direction."""
 
-    async def _write_ahead(self, target: int, pace: Pace) -> None:
+    async def _write_ahead(self, target: int, pace: MotionParameters) -> None:
         """Tell the drive all of a move that it can be told before it starts. Nothing moves by it."""
 
     @abstractmethod
-    async def _send_start(self, target: int, pace: Pace, slot: BurstSlot | None) -> None:
+    async def _send_start(self, target: int, pace: MotionParameters, slot: BurstSlot | None) -> None:
         """Start the move that was written ahead, by one frame: at once, or when it is its turn. Raises
         `OutcomeUnknown` if nobody knows whether it started."""
 
     @abstractmethod
-    def start_frame(self, target: int, pace: Pace) -> Request:
+    def start_frame(self, target: int, pace: MotionParameters) -> Request:
         """Such a frame."""
 
     @abstractmethod
-    async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
+    async def _send_run(self, rpm: float, pace: MotionParameters, ticks: int | None) -> None:
         """Change to a speed, in the drive's direction, perhaps for a time. Raises as `_send_start`."""
 
     @abstractmethod
@@ -96,7 +96,7 @@ class Conduct(Travel):
         self,
         move: Move,
         target_from: Callable[[Look], int],
-        pace: Pace,
+        pace: MotionParameters,
         send: Callable[[], Awaitable[None]] | None = None,
         *,
         once: bool = False,
@@ -107,13 +107,13 @@ class Conduct(Travel):
         """
         before = await self._prepare()
         slot = None
-        if isinstance(move, JointMove):
+        if isinstance(move, GroupMemberMove):
             await move.prepared()
             if self.bus.now() - before.at > FRESH:  # the others took their time
                 before = await self._prepare()
         target = target_from(before)
         turns = abs(target - before.position) / self.counts_per_turn
-        if isinstance(move, JointMove):
+        if isinstance(move, GroupMemberMove):
             pace, slot = await move.agree(0.0 if self._near(target, before.position) else turns, target)
             move.profile = pace.profile(turns)
         move.rpm, move.acceleration = pace.rpm, pace.acceleration
@@ -148,7 +148,7 @@ class Conduct(Travel):
         return look
 
     async def _carry_out_run(
-        self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None
+        self, move: Move, rpm: float, pace: MotionParameters, duration: float | None, ticks: int | None
     ) -> None:
         """A run at a speed, until that is reached; one for a time until the motor stands again."""
         move.rpm, move.acceleration = abs(rpm), pace.acceleration
@@ -224,7 +224,7 @@ class Conduct(Travel):
                 if attempt + 1 == _ATTEMPTS:
                     raise
 
-    async def _surely_write_ahead(self, target: int, pace: Pace) -> None:
+    async def _surely_write_ahead(self, target: int, pace: MotionParameters) -> None:
         """Nothing moves by what is written ahead: where nobody knows whether the drive took it, it is said again.
         A start does not stand for it, lest an axis of a group starts alone, or not at all."""
         for attempt in range(_ATTEMPTS):

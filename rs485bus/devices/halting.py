@@ -12,10 +12,10 @@ from rs485bus.bus.handle import Handle, settle
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import Motion
-from rs485bus.devices.joint import JointMove
-from rs485bus.devices.move import Move
-from rs485bus.devices.orders import Orders
 from rs485bus.errors import BusClosed, BusError, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
+from rs485bus.motion.command_queue import CommandQueue
+from rs485bus.motion.group.member import GroupMemberMove
+from rs485bus.motion.move import Move
 
 _log = logging.getLogger("rs485bus")
 
@@ -35,7 +35,7 @@ class Halting(ABC):
         self.attached = attached
         self.motion = motion
         self.name = name
-        self._orders = Orders(
+        self._orders = CommandQueue(
             bus, name, self._forget_plans, lambda: self._begin_stop(emergency=True), self._after_failure
         )
         self._blocked = ""
@@ -80,7 +80,7 @@ class Halting(ABC):
 
     def _stumble(self) -> None:
         """What it carries out is about to fail. Others that depend on that are stopped, while it finds out why."""
-        if isinstance(self._orders.current, JointMove):
+        if isinstance(self._orders.current, GroupMemberMove):
             self._orders.current.stumble()
 
     async def _halted(self, halted: asyncio.Future[Halted]) -> Halted:

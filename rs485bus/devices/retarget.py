@@ -6,12 +6,12 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 from rs485bus.bus.handle import Handle
-from rs485bus.devices.axis import Axis, Goal
-from rs485bus.devices.joint import JointMove
-from rs485bus.devices.move import Move, MoveState
-from rs485bus.devices.pace import Pace
+from rs485bus.devices.axis import FormerAxis
 from rs485bus.errors import MotionError, MoveCancelled, OutcomeUnknown, RequestFailed
-from rs485bus.profile import seconds_to
+from rs485bus.motion.group.member import GroupMemberMove
+from rs485bus.motion.move import Move, MoveState, MoveTarget
+from rs485bus.motion.parameters import MotionParameters
+from rs485bus.motion.profile import seconds_to
 
 _ATTEMPTS = 3
 
@@ -21,10 +21,10 @@ class _Change:
     handle: Handle[None]
     position: float
     target: int
-    pace: Pace
+    pace: MotionParameters
 
 
-class Retargeting(Axis):
+class Retargeting(FormerAxis):
     """An axis whose absolute moves can be changed while they are under way."""
 
     _live: Move | None = None
@@ -32,7 +32,7 @@ class Retargeting(Axis):
     _change: _Change | None = None
 
     @abstractmethod
-    async def _send_change(self, target: int, pace: Pace, speed: float) -> None:
+    async def _send_change(self, target: int, pace: MotionParameters, speed: float) -> None:
         """Give the move under way, which has this speed in rpm, another target. Raises `OutcomeUnknown` if nobody knows
         whether it has it; it may be said again then."""
 
@@ -58,7 +58,7 @@ class Retargeting(Axis):
         self._stands.set()
         return handle
 
-    async def _move(self, move: Move, goal: Goal, pace: Pace) -> float:
+    async def _move(self, move: Move, goal: MoveTarget, pace: MotionParameters) -> float:
         self._live = move
         try:
             return await super()._move(move, goal, pace)
@@ -107,7 +107,7 @@ class Retargeting(Axis):
                     raise
                 # One that has moved all the time has not restarted, and an absolute target may be said twice.
         self._way = (self._way[0], change.target)
-        if isinstance(move, JointMove):
+        if isinstance(move, GroupMemberMove):
             move.profile = None
         move.target, move.rpm, move.acceleration = change.position, pace.rpm, pace.acceleration
         turns = (change.target - look.position) / self.counts_per_turn

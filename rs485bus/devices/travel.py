@@ -18,9 +18,9 @@ from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.halting import Halting
-from rs485bus.devices.joint import JointMove
-from rs485bus.devices.move import Move
 from rs485bus.errors import DeviceOffline, MoveFailed, MoveTimeout, NoReply, ReferenceLost
+from rs485bus.motion.group.member import GroupMemberMove
+from rs485bus.motion.move import Move
 
 FRESH = 0.25
 """Seconds for which what was seen of a standing axis is taken to hold."""
@@ -87,7 +87,7 @@ class Travel(Halting):
         while True:
             answers = True
             with anyio.move_on_after(max(0.0, move.eta - self.bus.now())):
-                if isinstance(move, JointMove):
+                if isinstance(move, GroupMemberMove):
                     answers = await self._watch(move)
                 else:
                     await self._stands.wait()
@@ -134,7 +134,7 @@ class Travel(Halting):
             return False
         return True
 
-    async def _watch(self, move: JointMove) -> bool:
+    async def _watch(self, move: GroupMemberMove) -> bool:
         """Look often at an axis that others depend on, as long as it moves as it should. False if it does not answer
         any more."""
         assert move.rpm is not None
@@ -151,7 +151,7 @@ class Travel(Halting):
 
     def _keeps_up(self, move: Move, look: Look) -> bool:
         """Whether an axis that others depend on is on its way, and where it should be by now."""
-        if not isinstance(move, JointMove) or move.profile is None or self._near(look.position, self._way[1]):
+        if not isinstance(move, GroupMemberMove) or move.profile is None or self._near(look.position, self._way[1]):
             return False
         assert move.started_at is not None
         assert move.eta is not None
@@ -159,7 +159,7 @@ class Travel(Halting):
         gone = abs(look.position - self._way[0])
         return look.at < move.eta and gone + self.tolerance >= expected * self.counts_per_turn
 
-    async def _stay(self, move: JointMove, arrived: Look) -> None:
+    async def _stay(self, move: GroupMemberMove, arrived: Look) -> None:
         """Stay where it has arrived until all have."""
         while not await move.all_arrived(_WATCH):
             look = await self._look_during(move)

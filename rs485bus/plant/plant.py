@@ -17,7 +17,7 @@ from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.devices.axis import Axis
 from rs485bus.devices.zlac import DifferentialDrive
 from rs485bus.errors import BusError
-from rs485bus.group import AxisGroup
+from rs485bus.motion.group.axis_group import AxisGroup
 from rs485bus.plant.building import build, virtual_lines
 from rs485bus.plant.file import PlantFile
 from rs485bus.plant.problems import Problems, instead

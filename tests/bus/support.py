@@ -9,7 +9,7 @@ from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.bus.stopping.halt import Halt, Halted
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.adapter import MksAttached
+from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import write_block
 from rs485bus.sim import SimDevice, SimMks, SimUnit
 from rs485bus.sim.rig import Rig
@@ -62,7 +62,8 @@ class Drive:
         self.sim = SimMks(address, **options)  # type: ignore[arg-type]
         self.address = address
         self.interruptions: list[str] = []
-        self.attached = MksAttached(address, lambda request, reply: None, self._interrupted)
+        self.attached = MksDrive(address)
+        self.attached.on_interrupted = self._interrupted
         self.halted: list[Halted] = []
 
     def _interrupted(self, unheard: float, reason: str) -> None:

@@ -6,7 +6,7 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.failure import failure
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.units.motion import Motion
-from rs485bus.devices.tlr.adapter import TlrAttached
+from rs485bus.devices.tlr.drive import TlrDrive
 from rs485bus.errors import DeviceRefused, NoReply, OutcomeUnknown
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding, write_multiple, write_single
@@ -196,7 +196,7 @@ def test_after_any_exception_to_what_moves_an_axis_it_may_move_until_it_is_seen_
 def test_a_tl_r_that_denies_has_done_nothing() -> None:
     unit = Oracle(1, refuses(4), does_and_says(5))
     rig = Rig(unit)
-    rig.owner.units[1].attach(TlrAttached(1, lambda: None, lambda unheard, reason: None))
+    rig.owner.units[1].attach(TlrDrive(1))
     denied, open_ = (rig.submit(WRITE, repeat=Repeat.NEVER) for _ in range(2))
     rig.done(denied, open_)
     assert (denied.outcome, open_.outcome) == (Outcome.REFUSED, Outcome.UNKNOWN)

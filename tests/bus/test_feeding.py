@@ -470,8 +470,8 @@ def test_after_a_lease_has_lapsed_the_device_gets_nothing_but_stops_until_it_sta
     rig = Rig(config=QUICK)
     (drive,) = running(rig, 1)
     guard(rig, drive)
-    drive.attached.ramp_stop = drive.start(rpm=0, target=0, code=1)  # a ramp of some seconds
-    drive.attached.ramp_takes = 4.0
+    drive.attached.axis.ramp_stop = drive.start(rpm=0, target=0, code=1)  # a ramp of some seconds
+    drive.attached.axis.ramp_takes = 4.0
     lease = Lease(rig.owner, [drive.attached], 0.3)
     lease.renew(rig.now)
     rig.run(0.35)
@@ -480,7 +480,7 @@ def test_after_a_lease_has_lapsed_the_device_gets_nothing_but_stops_until_it_sta
     mark = len(rig.sent)
     rig.run(0.2)
     looks = {read(1, r.STATUS).adu, read(1, r.POSITION).adu, read(1, r.PULSES).adu}
-    stops = {write(1, r.EMERGENCY_STOP, 1).adu, drive.attached.ramp_stop.adu}
+    stops = {write(1, r.EMERGENCY_STOP, 1).adu, drive.attached.axis.ramp_stop.adu}
     assert {frame for _, frame in rig.sent[mark:]} <= looks | stops
 
 

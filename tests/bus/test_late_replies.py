@@ -3,7 +3,7 @@
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Outcome, Urgency
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.adapter import MksAttached
+from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import read
 from rs485bus.sim import SimMks, SimUnit
 from rs485bus.sim.rig import Rig
@@ -162,7 +162,7 @@ def test_a_doubled_reply_is_not_the_answer_to_the_next_request() -> None:
 def test_a_unit_whose_answers_all_look_alike_is_not_asked_for_ever_which_of_them_is_late() -> None:
     """0xF1 of a motor that stands, 0x3A of one that is enabled and 0x3B of one that is homed are all a 1."""
     rig = Rig(SimMks(1))
-    rig.owner.units[1].attach(MksAttached(1, lambda request, reply: None, lambda unheard, reason: None))
+    rig.owner.units[1].attach(MksDrive(1))
     for _ in range(3):
         for what in (r.STATUS, r.POSITION, r.ENABLED, r.HOMED):
             rig.done(rig.submit(read(1, what)))

@@ -191,9 +191,9 @@ def test_the_acknowledgement_of_a_stop_that_has_begun_is_not_cut_short_by_the_ne
 def slowing(rig: Rig) -> tuple[Drive, bytes]:
     """A drive that turns, and the stop with the ramp that belongs to its move: 0.84 s."""
     (drive,) = running(rig, 1)
-    drive.attached.ramp_stop = drive.start(rpm=0, target=0, code=200)
-    drive.attached.ramp_takes = 300 / (20_000 / 56)
-    return drive, drive.attached.ramp_stop.adu
+    drive.attached.axis.ramp_stop = drive.start(rpm=0, target=0, code=200)
+    drive.attached.axis.ramp_takes = 300 / (20_000 / 56)
+    return drive, drive.attached.axis.ramp_stop.adu
 
 
 def stops_of(rig: Rig, soft: bytes) -> list[tuple[float, str]]:

@@ -222,7 +222,7 @@ def test_a_device_that_is_left_alone_is_stopped_at_once_if_somebody_asks_for_it(
 def test_a_second_stop_goes_out_at_once_though_the_first_is_still_being_confirmed() -> None:
     rig = Rig(config=BusConfig(echo=False, reply_timeout=0.5))
     (drive,) = running(rig, 1)
-    drive.attached.ramp_stop = None
+    drive.attached.axis.ramp_stop = None
     receive = drive.sim.receive
     drive.sim.receive = lambda frame, now: receive(frame, now) if is_stop(frame) else None  # type: ignore[method-assign]
     drive.stop(rig, emergency=False)
@@ -236,8 +236,8 @@ def test_a_second_stop_goes_out_at_once_though_the_first_is_still_being_confirme
 def test_moves_that_waited_are_dropped_and_new_ones_wait_until_it_stands() -> None:
     rig = Rig()
     (drive,) = running(rig, 1)
-    drive.attached.ramp_stop = drive.start(rpm=0, target=0, code=200)
-    drive.attached.ramp_takes = 300 / (20_000 / 56)
+    drive.attached.axis.ramp_stop = drive.start(rpm=0, target=0, code=200)
+    drive.attached.axis.ramp_takes = 300 / (20_000 / 56)
     busy = rig.submit(read(1, r.VERSION))
     old = drive.move(rig)
     drive.stop(rig, emergency=False)
@@ -248,7 +248,7 @@ def test_moves_that_waited_are_dropped_and_new_ones_wait_until_it_stands() -> No
     rig.done(busy, old, new)
     assert (old.outcome, old.reason) == (Outcome.NOT_SENT, Reason.STOPPED)
     assert new.outcome is Outcome.REPLY
-    assert new.sent_at - rig.sent[0][0] > drive.attached.ramp_takes
+    assert new.sent_at - rig.sent[0][0] > drive.attached.axis.ramp_takes
 
 
 def test_a_move_is_not_repeated_after_a_stop() -> None:

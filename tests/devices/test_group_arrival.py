@@ -8,9 +8,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from rs485bus import GroupMove, MksServo
-from rs485bus.devices.pace import quickest, slowest
 from rs485bus.errors import LimitExceeded
-from rs485bus.profile import Profile
+from rs485bus.motion.parameters import quickest, slowest
+from rs485bus.motion.profile import Profile
 from tests.devices.group_plant import LEFT, MKS, RIGHT, TLR, Plant, plant
 from tests.devices.mks.bench import on_virtual_clock
 

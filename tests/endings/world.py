@@ -19,7 +19,7 @@ from rs485bus.bus.schedule.verification import holds
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import emergency_stop
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.adapter import MksAttached
+from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import write_block
 from rs485bus.wire.frames import Request, read_holding, read_input, write_multiple, write_single
 from rs485bus.wire.registers import Repeat
@@ -61,9 +61,9 @@ class World:
             gateway=setting.gateway,
             latest=4.8 if setting.gateway else 0.5,
         )
-        self.attached: dict[int, MksAttached] = {}
+        self.attached: dict[int, MksDrive] = {}
         for address in self.drives:
-            attached = MksAttached(address, lambda request, reply: None, lambda unheard, reason: None)
+            attached = MksDrive(address)
             self.owner.units[address].attach(attached)
             self.attached[address] = attached
         self.asked: list[Asked] = []

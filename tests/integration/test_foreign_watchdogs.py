@@ -11,7 +11,7 @@ import pytest
 from rs485bus import BusConfig, MksServo, Zlac8015d, open_bus
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.devices.mks import registers as r
-from rs485bus.errors import MotionError, RearmRequired, WatchdogInfeasible
+from rs485bus.errors import MotionError, MoveFailed, RearmRequired, WatchdogInfeasible
 from rs485bus.sim import VirtualLine
 from tests.integration.guarded import SET_HEARTBEAT, FaultyMks, FaultyZlac, mks_bus, zlac_bus
 from tests.integration.support import virtual
@@ -51,6 +51,8 @@ async def test_without_request_it_is_left_alone_and_named_as_a_possible_cause() 
         cause = possible_cause(bus.owner, x.attached)
         assert "Its own watchdog may have stopped it: it was not asked for 0." in cause
         assert 'BusConfig(foreign_watchdog="off") turns it off' in cause
+        with pytest.raises(MoveFailed, match="Its own watchdog may have stopped it"):
+            await x.run(60)  # nobody waited for the end of the first one
 
 
 @virtual

@@ -9,7 +9,7 @@ import pytest
 from rs485bus import Bus, BusConfig, MksServo, Zlac8015d, open_bus
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Urgency
-from rs485bus.devices.move import MoveState
+from rs485bus.motion.move import MoveState
 from rs485bus.sim import SimMks, SimZlac, VirtualLine
 from rs485bus.wire.frames import READ_INPUT
 from tests.integration.support import bus_on, plant, virtual
@@ -18,7 +18,7 @@ QUICK = BusConfig(reply_timeout=0.01)
 
 
 def questions_of(axis: MksServo) -> list[Callable[[], Awaitable[Any]]]:
-    return [axis.position, axis.velocity, axis.running, axis.counts]
+    return [axis.position, axis.velocity, axis.motor_status, axis.counts]
 
 
 def raw_reads_of(axis: MksServo) -> list[Callable[[], Awaitable[Any]]]:

@@ -26,7 +26,7 @@ USES_OF_AN_MKS: list[Use] = [
     lambda x: x.velocity(),
     lambda x: x.status(),
     lambda x: x.idle(),
-    lambda x: x.running(),
+    lambda x: x.motor_status(),
     lambda x: x.enabled(),
     lambda x: x.homed(),
     lambda x: x.stalled(),

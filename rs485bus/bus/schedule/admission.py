@@ -242,7 +242,8 @@ class AdmissionControl:
         """Whether it is meant to stop a device that does not answer, while others are guarded."""
         if job.is_broadcast or not self._feeding.guards_others(job.address):
             return False
-        return self._units[job.address].is_silent(now)
+        unit = self._units[job.address]
+        return unit.halt is not None and unit.is_silent(now)
 
 
 def _is_unconfirmed(unit: UnitState) -> bool:

@@ -20,7 +20,7 @@ from typing import Any, Protocol, TypeVar, Union
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
-from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
+from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
@@ -35,6 +35,8 @@ Procedure = Generator[Wanted, Any, T]
 _FOREVER = float("inf")
 STOPS = 3
 """Stop frames sent in vain before a halt is reported as not confirmed."""
+_DEAR = 0.02
+"""Seconds from which on an exchange takes so long that a status must do where a stop was acknowledged."""
 _UNACKNOWLEDGED = 2
 """Stops in a row without an acknowledgement after which the next one is harder."""
 _IN_TIME = 1.5
@@ -86,6 +88,10 @@ class Pacing(Protocol):
 
         Three stops prove nothing then.
         """
+
+    @property
+    def is_crowded(self) -> bool:
+        """Whether so many devices are being stopped that a status must do where a stop was acknowledged."""
 
     @property
     def gives_up_after(self) -> float:
@@ -144,6 +150,12 @@ class Halt:
         self._evidence_from = _FOREVER
         """When the first stop of the latest order was sent: what was asked before shows nothing."""
         self._acknowledged = False
+        self._took = 0.0
+        """Seconds that the last stop took on the wire."""
+        self._said_so_at = NEVER
+        """When it was last asked where its status said that it stands."""
+        self._detector = attached.judgement(motion)
+        """Decides from all that was asked since the first stop: nothing sets it in motion between two orders."""
         self._looks: dict[Request, Job] = {}
         """What was asked. A look that is sent again is the same job: either reply to it will do."""
         self._listeners: list[Callable[[Halted], None]] = []
@@ -164,6 +176,7 @@ class Halt:
         if motion is not self.motion:
             self.motion = self.attached.motion
             self._frames = None
+            self._detector = self.attached.judgement(self.motion)
         self.emergency = self.emergency or emergency
         return self._stop_frames()
 
@@ -231,7 +244,9 @@ class Halt:
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
             # An exception is no acknowledgement; what refuses a stop in its own way says that there is nothing to stop.
             said_so = stop.outcome is Outcome.REPLY or (stop.outcome is Outcome.REFUSED and stop.code is None)
+            self._took = stop.ended_at - stop.sent_at
             self._acknowledged = self._acknowledged and said_so
+        self._detector.stop_sent()
         self.stops += 1
         self._unacknowledged = 0 if self._acknowledged else self._unacknowledged + 1
 
@@ -246,15 +261,16 @@ class Halt:
 
     def _see_it_stand(self, order: int, pacing: Pacing) -> Procedure[bool]:
         """Look until it stands, or until it should be told to stop once more."""
-        judge = self.attached.judgement(self.motion)
         patience, heard = self._now + self._patience, False
         by = _FOREVER if self.told is None else pacing.at_the_latest(self._sent_at)
         patience = min(patience, by)
+        if self._will_do(pacing):
+            return order == self._orders
         while order == self._orders and not self._over:
-            look, standing = self._next_look(judge, pacing, by), None
+            look, standing = self._next_look(pacing, by), None
             if look is not None:
                 self._now = yield look
-                standing = self._judge(judge, look)
+                standing = self._judge(look, pacing)
             if standing:
                 settled = self.attached.may_start_until(self.motion)
                 if look is not None and look.answered_since >= settled:
@@ -284,7 +300,7 @@ class Halt:
         """Whether one that does not answer is told to stop again at once."""
         return pacing.is_noisy(self._now) or self._wait(pacing) is not None
 
-    def _next_look(self, judge: StandstillDetector, pacing: Pacing, by: float) -> Job | None:
+    def _next_look(self, pacing: Pacing, by: float) -> Job | None:
         """What to ask next, and not after the time given; None if a late reply could be taken for every answer."""
 
         def fresh(request: Request) -> bool:
@@ -294,7 +310,8 @@ class Halt:
             return pacing.late.must_wait(request, self._looks.get(request)) == 0
 
         # The answer to a fresh one was asked for now. On a noisy pair most that is owed was never heard.
-        request = judge.ask(free) if pacing.is_noisy(self._now) else judge.ask(fresh) or judge.ask(free)
+        ask = self._detector.ask
+        request = ask(free) if pacing.is_noisy(self._now) else ask(fresh) or ask(free)
         if request is None:
             return None
         look = self._looks.get(request)
@@ -307,13 +324,24 @@ class Halt:
         look.urgency = Urgency.CONFIRM if self.told is None or pacing.is_noisy(self._now) else Urgency.COMMAND
         return look
 
-    def _judge(self, judge: StandstillDetector, look: Job) -> bool | None:
+    def _judge(self, look: Job, pacing: Pacing) -> bool | None:
         """Whether it stands, from what it answered; None if that is not known."""
         if look.outcome is not Outcome.REPLY or look.answered_since < self._evidence_from:
             return None
-        self.attached.told(look.request, look.reply, look.answered_since)
-        stands = judge.see(look.request, look.reply, look.answered_since)
-        return None if stands and judge.by_status_alone and not self._acknowledged else stands
+        stands = self._detector.see(look.request, look.reply, look.answered_since)
+        if stands and self._detector.by_status_alone:
+            self._said_so_at = look.answered_since
+            return self._will_do(pacing) or None
+        if stands is False:
+            self._said_so_at = NEVER
+        return stands
+
+    def _will_do(self, pacing: Pacing) -> bool:
+        """Whether its status alone will do, which said that it stands: that it acknowledged the stop as well is enough
+        where more would take too long."""
+        dear = self._took > _DEAR or pacing.is_noisy(self._now) or pacing.is_crowded
+        said_so_at = max(self._evidence_from, self.attached.may_start_until(self.motion))
+        return self._acknowledged and dear and self._said_so_at >= said_so_at
 
     def _tell(self, standing: bool) -> None:
         listeners, self._listeners = self._listeners, []

@@ -5,8 +5,7 @@ from __future__ import annotations
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.stopping.halt import STOPS
-from rs485bus.bus.units.reachability import ProbeBudget
-from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 
 _TRY_AGAIN_AFTER = 0.5
@@ -17,6 +16,8 @@ _BRIEF = 0.04
 """Seconds for which an answer of such a device is waited for, so that there is time for a stop and a look."""
 _BRIEFEST = 0.01
 """The same once it was said that it could not be seen standing: others need the pair."""
+_FEW = 6
+"""Devices that can be stopped at once with a look at two positions of each, and the last be seen to stand in time."""
 _IN_VAIN = 1.0
 """Seconds, at least, for which a device is stopped that may not be heard, before it is said that this was in vain."""
 
@@ -28,16 +29,16 @@ class StopPacing:
         unit: its address.
         feeding: the watchdogs.
         pair: the pair it is on.
-        looking: the account of the time spent on looking for lost units.
+        units: all addresses.
     """
 
-    __slots__ = ("_feeding", "_looking", "_pair", "_unit", "late")
+    __slots__ = ("_feeding", "_pair", "_unit", "_units", "late")
 
-    def __init__(self, unit: UnitState, feeding: Feeding, pair: SerialLine, looking: ProbeBudget) -> None:
+    def __init__(self, unit: UnitState, feeding: Feeding, pair: SerialLine, units: UnitStates) -> None:
         self._unit = unit
         self._feeding = feeding
         self._pair = pair
-        self._looking = looking
+        self._units = units
         self.late: PendingReplies = unit.late
 
     def reply_timeout(self, since: float, reported: bool) -> float | None:
@@ -54,6 +55,10 @@ class StopPacing:
         return self.is_noisy(now) or (wait is not None and wait < self._unit.reply_timeout)
 
     @property
+    def is_crowded(self) -> bool:
+        return sum(unit.halt is not None for unit in self._units) > _FEW
+
+    @property
     def gives_up_after(self) -> float:
         return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout)
 
@@ -67,7 +72,7 @@ class StopPacing:
         if self.is_noisy(now):
             return now + _URGENT_EVERY
         if not unit.is_stops_only:
-            return max(now + _TRY_AGAIN_AFTER, self._looking.free_at(now))
+            return max(now + _TRY_AGAIN_AFTER, self._units.listening.free_at(now))
         watch = self._feeding.get(unit.address)
         if watch is None or not acknowledged:
             return sent_at + _URGENT_EVERY

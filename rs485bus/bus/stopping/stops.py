@@ -75,7 +75,7 @@ class Stops:
         motion.stop()
         if halt is None:
             halt = unit.halt = Halt(attached, motion, emergency, self._clock.now, frames)
-            pacing = StopPacing(unit, self._feeding, self._pair, self._units.listening)
+            pacing = StopPacing(unit, self._feeding, self._pair, self._units)
             self._procedures.start(halt.run(pacing), lambda stands: self._halted(unit, stands))
         else:
             waiting = {job.request for job in self._queue.of(unit.address) if job.urgency is Urgency.STOP}

@@ -6,7 +6,8 @@ Each family implements this once. It is pure: requests and replies, no waiting.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Protocol
 
 from rs485bus.bus.units.motion import Motion
@@ -15,11 +16,15 @@ from rs485bus.wire.frames import Request
 
 
 class StandstillDetector(ABC):
-    """Decides from what a device reports whether it stands. Made anew for every stop frame."""
+    """Decides from what a device reports whether it stands. Made anew for every stop that is not a repetition."""
 
     by_status_alone = False
     """It was said to stand by its status, which has been seen to lie. That will do where the stop was acknowledged.
     Else it is asked on, until its position shows it."""
+
+    def stop_sent(self) -> None:
+        """It was told to stop, perhaps once more: what tells soonest is asked first."""
+        return
 
     @abstractmethod
     def ask(self, free: Callable[[Request], bool]) -> Request | None:
@@ -90,6 +95,8 @@ class DeviceAdapter(ABC):
     watchdog: WatchdogRegister | None = None
     read_function: int | None = None
     """The only function that reads its registers, if it has but one."""
+    refusals: Mapping[int, str] = MappingProxyType({})
+    """What exception codes mean to it, where it gives them a meaning of its own."""
     combines_reads: bool = True
     """Whether neighbouring registers may be read with one request."""
     longest: int = 51
@@ -142,8 +149,13 @@ class DeviceAdapter(ABC):
         return None
 
     @abstractmethod
-    def told(self, request: Request, reply: bytes, sent_at: float) -> None:
-        """The device answered a read that the owner made: telemetry for whoever is interested."""
+    def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
+        """It has answered, whoever asked. `asked_at` is the earliest time at which this reply can have been asked for:
+        one that may have come late is that old. Refusals and exceptions are not told."""
+
+    def on_sent(self, request: Request, at: float) -> None:
+        """A write to it goes out, whoever sends it, or a broadcast that it hears."""
+        return
 
     @abstractmethod
     def interrupted(self, unheard: float, reason: str) -> None:

@@ -17,7 +17,7 @@ class Motion:
     __slots__ = ("_commanded_at", "_leaves", "_may_move", "_stops")
 
     def __init__(self, parts: Iterable[Motion] = ()) -> None:
-        self._leaves = tuple(parts) or (self,)
+        self._leaves: tuple[Motion, ...] = tuple(leaf for part in parts for leaf in part._leaves) or (self,)
         self._stops = 0
         self._may_move = False
         self._commanded_at = NEVER
@@ -47,6 +47,11 @@ class Motion:
         for leaf in self._leaves:
             leaf._may_move = True
             leaf._commanded_at = now
+
+    def moves(self) -> None:
+        """It was seen moving, whoever set it in motion."""
+        for leaf in self._leaves:
+            leaf._may_move = True
 
     def stands(self, seen_at: float) -> None:
         """It was seen standing, by a question asked at the time given. What was told to move since may move."""

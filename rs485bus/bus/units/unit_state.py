@@ -214,6 +214,12 @@ class UnitStates:
         unit.late.unanswered(job, deadline + unit.late_reply_window)
         self._owing.add(unit)
 
+    def tell_sent(self, job: Job, at: float) -> None:
+        """Tell the devices that a write concerns that it goes out."""
+        for unit in self if job.is_broadcast else (self[job.address],):
+            if unit.attached is not None and (not job.is_broadcast or unit.attached.hears(job.request)):
+                unit.attached.on_sent(job.request, at)
+
     def answered(self, unit: UnitState, request: Request) -> None:
         """The unit answered a request: it is not offline."""
         unit.asked_in_vain = 0

@@ -2,18 +2,15 @@
 
 from rs485bus.devices.mks.alarms import ALARMS, Alarm, alarm
 from rs485bus.devices.mks.homing import SingleTurnHoming, StopHoming, SwitchHoming
-from rs485bus.devices.mks.questions import Encoder, Homings, MksStatus
-from rs485bus.devices.mks.servo import MksServo
+from rs485bus.devices.mks.servo import Encoder, Homings, MksServo, MksStatus
 from rs485bus.devices.mks.settings import (
     CLOSE_GAINS,
     SETTINGS,
     VFOC_GAINS,
-    Cost,
     Gains,
     MksProfile,
     PositionProtection,
     PulseDivider,
-    Setting,
 )
 from rs485bus.devices.mks.values import (
     BaudRate,
@@ -29,6 +26,7 @@ from rs485bus.devices.mks.values import (
     Status,
     WorkMode,
 )
+from rs485bus.motion.settings import Cost, Setting
 
 __all__ = [
     "ALARMS",

@@ -1,373 +1,393 @@
-"""An MKS drive carrying out moves: what the shared axis leaves to the family. Source: MKS RTU V1.0.9."""
+"""An MKS drive, as it is told from others. Source: MKS RTU V1.0.9."""
 
 from __future__ import annotations
 
 import contextlib
-import math
-from collections.abc import Awaitable, Callable
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
-import anyio
-
-from rs485bus.arguments import choice
-from rs485bus.bus.bus import Bus
-from rs485bus.bus.schedule.burst import BurstSlot
-from rs485bus.bus.schedule.job import Urgency
-from rs485bus.devices.axis import Axis
+from rs485bus.bus.units.adapter import WatchdogRegister
+from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.mks import alarms
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.adapter import FAMILY, MksAttached
+from rs485bus.devices.mks.ability import MksAbility
 from rs485bus.devices.mks.alarms import hints
-from rs485bus.devices.mks.frames import read, write, write_block
-from rs485bus.devices.mks.values import Homed, Model, MotionDirection, Status, WorkMode
-from rs485bus.devices.move import Move
-from rs485bus.devices.pace import Pace
-from rs485bus.devices.travel import Look
-from rs485bus.errors import (
-    DeviceRefused,
-    LimitExceeded,
-    MotionError,
-    MotorStalled,
-    MoveFailed,
-    NotEnabled,
-    NotStanding,
-    NotSupported,
-    OutcomeUnknown,
-    ReferenceLost,
-)
-from rs485bus.wire.frames import Request, payload, unit_address
-from rs485bus.wire.registers import Block, Register
+from rs485bus.devices.mks.frames import is_native, read, understand, write, write_block
+from rs485bus.devices.mks.homing import EndLimits, Homing, SingleTurnHoming, homing_frames
+from rs485bus.devices.mks.settings import SETTINGS, MksProfile
+from rs485bus.devices.mks.values import Homed, Inputs, Level, Model, MotionDirection, Status, WorkMode
+from rs485bus.errors import DeviceRefused, NotEnabled, NotStanding, NotSupported
+from rs485bus.motion.drive import NO_EFFECT, STOPS, Drive, Effect, Reading
+from rs485bus.motion.parameters import MotionParameters
+from rs485bus.motion.plan import Ask, Know, Plan, Start
+from rs485bus.motion.settings import written
+from rs485bus.motion.standstill import StandstillRule
+from rs485bus.motion.state import MOTION, AxisState, Fact, Facts
+from rs485bus.wire.frames import BROADCAST, READ_INPUT, WRITE_MULTIPLE, WRITE_SINGLE, Request
 
-T = TypeVar("T")
-
-_CALIBRATED = (16, 32, 64)
-"""The microsteps at which a speed value is rpm (7.1)."""
-_RAMP_UNIT = 20_000.0
-"""rpm/s times (256 - code): one rpm every (256 - code) * 50 µs (7.1)."""
-_TICK = 0.01
+FAMILY = "MKS"
+LATE_REPLY_WINDOW = 0.7
+"""Seconds; replies have been seen that late while the motor moves."""
+_SAME = 2
+_STUCK = 0.1
+"""Seconds for which the position stays of a motor that stands though its status says that it slows down."""
+_URGENT_STOP_TAKES = 0.1
 _SLOWEST_SETTING = 2.5
 """Seconds that 0x9A may take to answer; 5.6 logs 1.6."""
-_NO_SPEED_FOR = 0.01
-_SAME = 2
-_SHOWN_RPM = 2.0
-"""From here on a speed is not reported as 0."""
-_SAME_RPM, _SAME_SPEED = 2.0, 0.03
-"""By how much a speed may differ from one that is to be the same: in rpm, or as a part of it."""
+_FOREVER = float("inf")
+_JUMP = r.COUNTS_PER_TURN * 5 // 360
+_LONGEST = max(17 + 2 * block.count for block in r.BLOCK_WRITES)
+"""Bytes: a write has 9 beside its data, and its reply has 8. Reads take less."""
+_WRITTEN = {register.address for register in (*r.SINGLE_WRITES, *r.BLOCK_WRITES)}
+_MODBUS_IS_OFF = (
+    "Modbus is switched off in it. `enable_modbus` of rs485bus.devices.mks switches it on, and so does MB_RTU in the "
+    "menu of the drive."
+)
+_DISRUPTING = {
+    register.address
+    for register in (
+        *(r.CALIBRATE, r.FACTORY_RESET, r.RESTART, r.BOOT),
+        *(r.SINGLE_TURN, r.ADDRESS, r.BAUD_RATE, r.MODBUS),
+    )
+}
+"""They restart or silence the drive, take it elsewhere, or (0x9A) keep the pair for 1.6 s."""
+_RESTARTING = {register.address for register in (r.CALIBRATE, r.FACTORY_RESET, r.RESTART)}
+_SPEED_AT = {r.RUN.address: 2, r.MOVE_PULSES.address: 2}
+"""Which value of a block is its speed; the second one in others."""
+_MOVING_BLOCKS = {block.address for block in (r.RUN, r.MOVE_PULSES, r.MOVE_TO_PULSES, r.MOVE_COUNTS, r.MOVE_TO_COUNTS)}
 
 
-class MksDrive(Axis):
-    """One drive, as `MksServo` without what it can be asked, set to and told but to move."""
+class MksWatchdog(WatchdogRegister):
+    """Register 0x98 (3.2.14). It cannot be read."""
 
-    counts_per_turn = r.COUNTS_PER_TURN
+    register = r.WATCHDOG.address
+    count = r.WATCHDOG.count
+    highest = 0xFFFF_FFFF
+
+    def __init__(self, address: int) -> None:
+        self._address = address
+
+    def write(self, milliseconds: int) -> Request:
+        return write(self._address, r.WATCHDOG, milliseconds)
+
+
+class MksDrive(Drive):
+    """One MKS drive.
+
+    Args:
+        address: 1..247.
+        model: which drive.
+        mode: the work mode it is set to.
+        microsteps: what it is set to.
+        positive: the direction of 0xF6 and 0xFD in which the position grows.
+    """
+
+    family = FAMILY
+    longest = _LONGEST
+    late_reply_window = LATE_REPLY_WINDOW
+    when_silent = f"Or {_MODBUS_IS_OFF}"
+    read_function = READ_INPUT  # and no other
+    combines_reads = False  # addresses are command codes (4)
+    rotation = (Fact.RUNNING, Fact.STALLED, Fact.ENABLED)
+    causes = (Fact.STALLED, Fact.ENABLED, Fact.LIMIT)
+    stall_remedy = hints([alarms.STALLED])
 
     def __init__(
         self,
-        bus: Bus,
         address: int,
         *,
         model: Model = Model.SERVO42D,
         mode: WorkMode = WorkMode.SR_VFOC,
         microsteps: int = 16,
-        units_per_turn: float = 1.0,
-        reverse: bool = False,
         positive: MotionDirection = MotionDirection.CCW,
-        limits: tuple[float, float] | None = None,
-        rpm: float = 300.0,
-        acceleration: float = 1000.0,
-        tolerance: int = 8,
     ) -> None:
-        self.address = unit_address(address)
-        self.model = choice("model", model, Model)
-        self.mode = choice("mode", mode, WorkMode)
-        self.microsteps = r.MICROSTEPS.raw(microsteps)
-        self.positive = choice("positive", positive, MotionDirection)
-        self._drive = MksAttached(self.address, self._heard, self._was_interrupted)
-        self._stuck: Look | None = None
-        self._asks_speed = False
-        self._homed: tuple[Homed, Homed] | None = None
-        """The homing status with which its zero was found, if it was."""
-        self._told_rpm: float | None = None
-        """The speed of the last run that was not for a time, in the drive's direction."""
-        super().__init__(
-            bus,
-            self._drive,
-            self._drive.motion,
-            f"{FAMILY} {self.address}",
-            units_per_turn=units_per_turn,
-            reverse=reverse,
-            limits=limits,
-            rpm=rpm,
-            acceleration=acceleration,
-            tolerance=tolerance,
+        name = f"{FAMILY} {address}"
+        self.model = model
+        self.positive = positive
+        self.acknowledged = MksProfile()
+        """The settings that it has acknowledged. They cannot be read back."""
+        self.unsure: frozenset[str] = frozenset()
+        """Settings by which moves go, and of which nobody knows whether the drive took the new value."""
+        self.end_limits = EndLimits()
+        self._homing_frames: dict[int, bytes] = {}
+        """What was acknowledged of how it homes, by register."""
+        self._ability = MksAbility(name, mode, microsteps)
+        self.homed: tuple[Homed, Homed] | None = None
+        """The homing status with which its zero was found, if it was: a restart changes that."""
+        self.watchdog = MksWatchdog(address)
+        self._readings = (
+            Reading(read(address, r.POSITION), frozenset({Fact.POSITION}), _position),
+            Reading(read(address, r.STATUS), frozenset({Fact.RUNNING}), _status),
+            Reading(read(address, r.SPEED), frozenset({Fact.SPEED}), self._speed),
+            Reading(read(address, r.ENABLED), frozenset({Fact.ENABLED}), _enabled),
+            Reading(read(address, r.STALLED), frozenset({Fact.STALLED}), _stalled),
+            Reading(read(address, r.HOMED), frozenset({Fact.MARK}), _homed),
+            Reading(read(address, r.INPUTS), frozenset({Fact.LIMIT}), self._limit),
         )
-        bus.attach(self)
+        self._reads = (read(address, r.STATUS), read(address, r.POSITION), read(address, r.PULSES))
+        super().__init__(name, address, (AxisState(Motion(), self._rule(), _JUMP),))
 
     @property
-    def target_range(self) -> tuple[int, int]:
-        target = r.MOVE_TO_COUNTS.fields[2].number
-        return target.low, target.high
+    def axis(self) -> AxisState:
+        """What is known of its motor."""
+        return self.state.axes[0]
 
-    # Questions
+    # Telemetry
 
-    async def _read(self, register: Register[T], urgency: Urgency = Urgency.COMMAND) -> T:
-        return register.decode(payload(await self.bus.ask(read(self.address, register), urgency=urgency)))
+    @property
+    def readings(self) -> Sequence[Reading]:
+        return self._readings
 
-    async def _read_block(self, block: Block, urgency: Urgency = Urgency.COMMAND) -> tuple[Any, ...]:
-        return block.decode(payload(await self.bus.ask(read(self.address, block), urgency=urgency)))
+    def marks(self, axis: int) -> tuple[Fact, ...]:
+        return (Fact.POSITION, Fact.ENABLED) if self.homed is None else (Fact.POSITION, Fact.ENABLED, Fact.MARK)
 
-    async def _read_homed(self) -> tuple[Homed, Homed]:
-        in_turn, origin = await self._read_block(r.HOMED)
-        return in_turn, origin
+    def restarted(self, axis: int) -> str:
+        state = self.axis
+        if self.homed is not None and state.value(Fact.MARK) not in (None, self.homed):
+            return "its drive has forgotten that it was homed: it has restarted."
+        at_zero = state.value(Fact.POSITION) is not None and abs(state.value(Fact.POSITION)) <= _JUMP
+        enabled, stalled = state.known(Fact.ENABLED), state.known(Fact.STALLED)
+        let_go = stalled.value is True or stalled.at < enabled.at  # by a protection, or nobody knows yet
+        if state.holds and at_zero and enabled.value is False and not let_go:
+            return "its motor is not enabled any more, and nobody disabled it: the drive may have restarted."
+        return ""
 
-    async def _look(self, *, quick: bool = False) -> Look:
-        at = self.bus.now()
-        status = await self._read(r.STATUS, Urgency.POLL)
-        position = await self._read(r.POSITION, Urgency.POLL)
-        moving = status is not Status.STOPPED
-        if moving and status not in (Status.HOMING, Status.CALIBRATING):
-            moving = not await self._stands_after_all(at, position)
-        enabled = self._enabled is not False if quick else await self._read(r.ENABLED, Urgency.POLL)
-        return Look(at, position, moving, enabled)
+    def what_else(self, axis: int) -> str:
+        return "A limit switch or another master may have stopped it."
 
-    async def _stands_after_all(self, at: float, position: int) -> bool:
-        """Whether the status is stuck, as some drives' is at "speed down": no speed and one position, twice."""
-        last, self._stuck = self._stuck, None
-        if await self._read(r.SPEED, Urgency.POLL) != 0:
-            return False
-        if last is not None and at - last.at >= _NO_SPEED_FOR and abs(position - last.position) <= _SAME:
-            self._stuck = last
-            return True
-        self._stuck = Look(at, position, moving=True, enabled=True)
-        return False
+    def effects(self, request: Request) -> Sequence[Effect]:
+        try:
+            what, values = understand(request.adu[1:-2])
+        except ValueError:
+            return (Effect(MOTION | {Fact.ENABLED, Fact.STALLED, Fact.MARK}, _FOREVER, shifts=True),)
+        if what.address in _MOVING_BLOCKS:
+            code = values[_SPEED_AT.get(what.address, 1)]
+            return (Effect(MOTION, self._ability.rpm_of(code)) if code else STOPS,)
+        if what.address in _RESTARTING:
+            return (Effect(frozenset(Fact), _FOREVER, restarts="it was restarted."),)
+        return (_EFFECTS.get(what.address, NO_EFFECT) if what is not r.ENABLE else _enabling(values[0]),)
 
-    async def _seems_to_move(self, rpm: float) -> bool:
-        # One read, of status and speed in turns: one that pushes against a stop reports full speed, and none.
-        self._asks_speed = not self._asks_speed and rpm >= _SHOWN_RPM
-        if self._asks_speed:
-            return await self._read(r.SPEED, Urgency.POLL) != 0
-        return await self._read(r.STATUS, Urgency.POLL) is not Status.STOPPED
+    # What it can be told
 
-    async def _read_position(self) -> int:
-        return await self._read(r.POSITION, Urgency.POLL)
+    @property
+    def mode(self) -> WorkMode:
+        """The work mode it is set to, as far as is known."""
+        return self._ability.mode
 
-    async def _read_velocity(self) -> float:
-        speed = await self._read(r.SPEED, Urgency.POLL)
-        return float(speed if self.positive is MotionDirection.CCW else -speed)
+    @property
+    def microsteps(self) -> int:
+        """What it is set to, as far as is known."""
+        return self._ability.microsteps
 
-    async def _why(self, look: Look, target: int) -> MotionError:
-        place = f"{self.name} stands {abs(target - look.position)} counts short of where it was sent"
-        if await self._read(r.STALLED):
-            # One that is not protected goes on pushing, and would jump as soon as the shaft is free.
-            if not (await self._halted(self._halt(emergency=True))).standing:
-                return self._unconfirmed()
-            self._enabled = await self._read(r.ENABLED)
-            return MotorStalled(f"{place}: the drive reports a stall. {hints([alarms.STALLED])}")
-        start = self._way[0]
-        between = min(start, target) - self.tolerance <= look.position <= max(start, target) + self.tolerance
-        enabled = await self._read(r.ENABLED)
-        if not enabled or not between:
-            found = "is not enabled any more" if not enabled else "not even on the way there"
-            self._enabled = enabled
-            self._lost = f"it {found} in the middle of a move: the drive may have restarted."
-            return ReferenceLost(f"{place}, and {found}: the drive may have restarted. home() it or set_zero().")
-        inputs = await self._read(r.INPUTS)
-        if self._near(look.position, 0):
-            self._lost = "it stood still at zero before it had reached its target."
-            return MoveFailed(
-                f"{place}, at zero, with inputs {inputs!r}. The drive may have restarted. home() it or set_zero()."
-            )
-        return MoveFailed(f"{place}, with inputs {inputs!r}. A limit switch or another master may have stopped it.")
+    def ability(self, axis: int) -> MksAbility:
+        return self._ability
 
-    async def _ask_setting(self, request: Request) -> None:
-        """Write a setting, as often as it takes. 0x9A may take its time."""
-        slow = request.register == r.SINGLE_TURN.address
-        await self.bus.ask(request, reply_timeout=_SLOWEST_SETTING if slow else None)
-
-    async def _check_zero(self, look: Look) -> None:
-        """Where it stands at zero, notice that this is but the zero of a drive that has restarted."""
-        if await self._has_forgotten_zero(look):
-            raise ReferenceLost(f"{self.name}: {self._lost} home() it.")
-
-    async def _has_forgotten_zero(self, look: Look) -> bool:
-        # Anywhere else its position shows a restart.
-        if self._homed is None or not self._near(look.position, 0) or await self._read_homed() == self._homed:
-            return False
-        self._lost = "its drive has forgotten that it was homed: it has restarted."
-        self.bus.owner.stops.restarted(self.bus.owner.units[self.attached.address])
-        self._forget()
-        return True
-
-    async def _check_came_to_zero(self, look: Look) -> None:
-        """The same for a move that has ended there: a drive that restarts on its way counts from zero, too."""
-        if self._near(look.position, 0) and not await self._read(r.ENABLED):
-            self._enabled = False
-            self._lost = "it is not enabled any more at the end of a move to zero: the drive may have restarted."
-            self._forget()
-            raise ReferenceLost(f"{self.name}: {self._lost} home() it or set_zero() first.")
-        await self._check_zero(look)
-
-    async def _must_stand(self, what: str) -> None:
-        """Raise `NotStanding` where the motor turns. A status that is stuck needs a second look."""
-        for _ in range(2):
-            if not (await self._look(quick=True)).moving:
-                return
-            await anyio.sleep(2 * _NO_SPEED_FOR)
-        raise NotStanding(f"{self.name} turns, and must stand for this: {what}. stop() it first. Nothing was sent.")
-
-    # Commands
-
-    def _check_mode(self) -> None:
+    def check_mode(self) -> None:
+        """Raise `NotSupported` where the bus cannot move it (7.2.2)."""
         if not self.mode.is_serial:
             raise NotSupported(
                 f"{self.name} is in mode {self.mode.name}, in which only pulses move it: set_mode(WorkMode.SR_VFOC)."
             )
 
-    async def _prepare(self, *, standing: bool = True) -> Look:
-        self._check_mode()
-        seen = self._seen
-        look = await super()._prepare(standing=standing)
-        if standing and look is not seen:
-            await self._check_zero(look)
-        return look
+    def _rule(self) -> StandstillRule:
+        """It stands where its position stays for as long as the slowest speed would need to show."""
+        slowest = self._ability.rpm_step * r.COUNTS_PER_TURN / 60
+        shows = (_SAME + 1) / slowest
+        return StandstillRule(same=_SAME, apart=shows, contradicted=max(_STUCK, shows))
 
-    async def _begin(
-        self,
-        move: Move,
-        before: Look,
-        target: int | None,
-        send: Callable[[], Awaitable[None]],
-        *,
-        once: bool = False,
-    ) -> None:
+    # Plans
+
+    def set_up(self) -> Plan[None]:
+        for name in sorted(self.unsure):
+            yield from self.write(name, getattr(self, name))
+
+    def write(self, name: str, value: Any) -> Plan[None]:
+        """Write one of `SETTINGS`."""
+        setting = SETTINGS[name]
+        if name == "homing":
+            yield from written(setting.title, setting.cost, (), None)
+            yield from self.prepare_homing(value)
+        else:
+            matters = {name} & {"mode", "microsteps"}
+            before, self.unsure = self.unsure, self.unsure | matters
+            try:
+                yield from written(setting.title, setting.cost, setting.frames(self.address, self.model, value))
+            except (DeviceRefused, NotStanding):
+                self.unsure = before - matters
+                raise
+            self.unsure -= matters
+            if matters:
+                setattr(self._ability, name, value)
+                self.axis.set_rule(self._rule())
+        self.acknowledged = replace(self.acknowledged, **{name: value})
+
+    def forget_settings(self) -> None:
+        """It is set as it was shipped; what moves go by is written again before the next one."""
+        self.acknowledged, self.end_limits = MksProfile(), EndLimits()
+        self._homing_frames.clear()
+        self.unsure = frozenset({"mode", "microsteps"})
+
+    def prepare_homing(self, homing: Homing) -> Plan[None]:
+        """Set it up for a way of homing: only what it has not acknowledged already, for its flash wears out."""
+        for request in homing_frames(self.address, self.model, homing, self.end_limits):
+            if self._homing_frames.get(request.register) != request.adu:
+                self._homing_frames.pop(request.register, None)
+                slow = request.register == r.SINGLE_TURN.address
+                yield Ask(request, reply_timeout=_SLOWEST_SETTING if slow else None)
+                if not (isinstance(homing, SingleTurnHoming) and homing.set_zero_here):
+                    self._homing_frames[request.register] = request.adu
+        self.end_limits = homing.limits(self.end_limits)
+
+    def enable(self, axis: int) -> Plan[None]:
+        self.check_mode()
         try:
-            await super()._begin(move, before, target, send, once=once)
-        except OutcomeUnknown as unknown:
-            if before.moving and not self._blocked:
-                await self._block(f"nobody knows which speed it has ({unknown})")
-            raise
-
-    async def _took(self, move: Move, before: Look, target: int | None, once: bool) -> bool:
-        told = self._told_rpm
-        if (
-            target is None
-            and before.moving
-            and told is not None
-            and ((await self._look_after(move)).moving or not told)
-        ):
-            # It turned before. One that has turned all the time has not restarted, and a speed may be said twice.
-            return abs(await self._read_velocity() - told) <= max(_SAME_RPM, _SAME_SPEED * abs(told))
-        took = await super()._took(move, before, target, once)
-        if not took and target is not None:
-            await self._check_zero(before)
-        return took
-
-    async def _carry_out_enable(self) -> None:
-        self._check_mode()
-        try:
-            await super()._carry_out_enable()
-        except (NotEnabled, DeviceRefused) as error:
-            if isinstance(error, DeviceRefused) and error.code is not None:
+            yield Ask(write(self.address, r.ENABLE, True))
+        except DeviceRefused as refused:
+            if refused.code is not None:
                 raise  # MKS drives refuse in their replies (2.4): this one has nothing to show on its screen
-            raise NotEnabled(f"{error} {hints(alarms.KEEP_IT_OFF)}") from error
-        if self._seen is not None:
-            await self._has_forgotten_zero(self._seen)
+            raise NotEnabled(f"{refused} {_WHY_NOT}") from refused
+        yield Know((Fact.ENABLED,))
+        if not self.axis.value(Fact.ENABLED):
+            raise NotEnabled(f"{self.name} was told to enable its motor, and says that it is not enabled. {_WHY_NOT}")
 
-    async def _send(self, block: Block, *values: Any) -> None:
-        await self._ask_to_move(write_block(self.address, block, *values), block)
+    def disable(self, axis: int) -> Plan[None]:
+        yield Ask(write(self.address, r.ENABLE, False))
 
-    async def _ask_to_move(self, request: Request, block: Block, slot: BurstSlot | None = None) -> None:
-        await self.bus.ask(request, repeat=block.repeat, moves=True, motion=self.motion, slot=slot)
+    def zero(self, axis: int) -> Plan[None]:
+        # Setting the zero of a standing motor twice is setting it once.
+        yield Ask(write(self.address, r.SET_ZERO, 1))
+        yield Know((Fact.MARK,), afresh=True)
+        self.remember_home()
 
-    async def _send_start(self, target: int, pace: Pace, slot: BurstSlot | None) -> None:
+    def remember_home(self) -> None:
+        """Its zero was found, or set, with the homing status that it reports."""
+        homed = self.axis.value(Fact.MARK)
+        self.homed = homed if Homed.DONE in homed else None
+
+    def move(self, axis: int, target: int, parameters: MotionParameters) -> Plan[None]:
         # One frame says it all.
-        self._plan_stop(r.MOVE_TO_COUNTS, (pace.ramp_code, 0, 0), pace)
-        await self._ask_to_move(self.start_frame(target, pace), r.MOVE_TO_COUNTS, slot)
+        self.check_mode()
+        stop = write_block(self.address, r.MOVE_TO_COUNTS, parameters.ramp_code, 0, 0)
+        yield self.start(self.start_frame(axis, target, parameters), stop, parameters)
 
-    def start_frame(self, target: int, pace: Pace) -> Request:
-        return write_block(self.address, r.MOVE_TO_COUNTS, pace.ramp_code, self._speed_code(pace), target)
+    def retarget(self, axis: int, target: int, parameters: MotionParameters, speed: float) -> Plan[None]:
+        """By 0xF5 once more (9.4, note 2)."""
+        stop = write_block(self.address, r.MOVE_TO_COUNTS, parameters.ramp_code, 0, 0)
+        # It may be faster than it is to be.
+        fastest = max(abs(speed), parameters.rpm)
+        yield Start(self.start_frame(axis, target, parameters), stop, fastest / parameters.acceleration)
 
-    async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
-        self._told_rpm = rpm if ticks is None else None
-        start = (self._direction(rpm), pace.ramp_code, self._speed_code(pace))
-        stop = (MotionDirection.CCW, pace.ramp_code, 0)
-        self._plan_stop(r.RUN, stop, pace)
+    def start_frame(self, axis: int, target: int, parameters: MotionParameters) -> Request:
+        code = self._ability.speed_code(parameters.rpm)
+        return write_block(self.address, r.MOVE_TO_COUNTS, parameters.ramp_code, code, target)
+
+    def run(self, axis: int, rpm: float, parameters: MotionParameters, ticks: int | None) -> Plan[None]:
+        self.check_mode()
+        ramp = parameters.ramp_code
+        stop = write_block(self.address, r.RUN, MotionDirection.CCW, ramp, 0)
+        values = (self.direction(rpm), ramp, self._ability.speed_code(parameters.rpm))
         if not rpm:
             with contextlib.suppress(DeviceRefused):  # it was not turning, says 9.1.3; whoever waits for this looks
-                await self._send(r.RUN, *stop)
+                yield self.start(stop, stop, parameters)
         elif ticks is None:
-            await self._send(r.RUN, *start)
+            yield self.start(write_block(self.address, r.RUN, *values), stop, parameters)
         else:
-            await self._send(r.RUN_FOR, *start, ticks)
+            yield self.start(write_block(self.address, r.RUN_FOR, *values, ticks), stop, parameters)
 
-    async def _send_enable(self, on: bool) -> None:
-        await self.bus.ask(write(self.address, r.ENABLE, on))
+    def start(
+        self, request: Request, stop: Request | None, parameters: MotionParameters, *, once: bool = False
+    ) -> Start:
+        """A start, with the stop that belongs to it: each kind of move has its own (8.2, 9.4.2)."""
+        return Start(request, stop, parameters.rpm / parameters.acceleration, once=once)
 
-    async def _send_zero(self) -> None:
-        # Setting the zero of a standing motor twice is setting it once.
-        await self.bus.ask(write(self.address, r.SET_ZERO, 1))
-        homed = await self._read_homed()
-        self._homed = homed if Homed.DONE in homed else None
-
-    def _plan_stop(self, block: Block, stop: tuple[Any, ...], pace: Pace) -> None:
-        """The stop that belongs to a move (8.2, 9.4.2): each kind of move has its own."""
-        self._drive.ramp_stop = write_block(self.address, block, *stop)
-        self._drive.ramp_takes = pace.rpm / pace.acceleration
-
-    # What the drive can do
-
-    def _paced(self, rpm: float, acceleration: float) -> Pace:
-        factor = self._speed_factor
-        speed = max(1, round(rpm * factor))
-        ramp, real = self._ramp(acceleration)
-        return Pace(speed / factor, real, speed, ramp)
-
-    @property
-    def rpm_step(self) -> float:
-        return 1 / self._speed_factor
-
-    def lowest_acceleration(self, rpm: float) -> float:
-        return _RAMP_UNIT / 255
-
-    @property
-    def _speed_factor(self) -> float:
-        """What a speed value is of an rpm: it turns the shaft at value * 16 / microsteps where not calibrated (7.1)."""
-        return 1.0 if self.microsteps in _CALIBRATED else self.microsteps / 16
-
-    @property
-    def _fastest(self) -> tuple[float, str]:
-        highest = min(self.mode.max_rpm, int(r.MAX_SPEED / self._speed_factor))
-        return highest, f"mode {self.mode.name} at {self.microsteps} microsteps"
-
-    def _speed_code(self, pace: Pace) -> int:
-        """How its speed is said now. The microsteps may have been changed since the pace was made."""
-        self._check_speed(pace.rpm)
-        return max(1, round(pace.rpm * self._speed_factor))
-
-    def _direction(self, forward: float) -> MotionDirection:
+    def direction(self, forward: float) -> MotionDirection:
         """The direction of 0xF6 and 0xFD in which the drive's position grows, or that of a negative number."""
         return self.positive if forward >= 0 else MotionDirection(1 - self.positive)
 
-    def _ramp(self, acceleration: float) -> tuple[int, float]:
-        """The code that comes nearest to an acceleration, and what it makes (7.1)."""
-        if acceleration == math.inf:
-            return 0, math.inf
-        lowest = self.lowest_acceleration(1)
-        if not lowest - 0.5 <= acceleration <= _RAMP_UNIT:
-            raise LimitExceeded(
-                f"{self.name}: acceleration {acceleration:g} rpm/s is outside {lowest:.1f}..{_RAMP_UNIT:g} rpm/s; "
-                "infinity is a jump"
-            )
-        code = min(255, max(1, 256 - round(_RAMP_UNIT / acceleration)))
-        return code, _RAMP_UNIT / (256 - code)
+    # As the owner of the wire sees it
 
-    def _ticks(self, duration: float) -> int:
-        if not _TICK / 2 < duration <= r.MAX_RUN_TIME * _TICK:
-            raise LimitExceeded(f"{self.name}: duration {duration:g} s is outside 0.01..{r.MAX_RUN_TIME * _TICK:.0f} s")
-        return round(duration / _TICK)
+    def reads(self) -> Sequence[Request]:
+        return self._reads
 
-    # What the bus says
+    def stops(self, motion: Motion, emergency: bool) -> Sequence[Request]:
+        ramp = None if emergency else self.axis.ramp_stop
+        return (write(self.address, r.EMERGENCY_STOP, 1) if ramp is None else ramp,)
 
-    def _heard(self, request: Request, reply: bytes) -> None:
-        """The answer to a feed: the motor stands, perhaps earlier than it should."""
-        if request.register == r.STATUS.address and payload(reply)[-1] == Status.STOPPED:
-            self.told_standing()
+    def slows_down_for(self, emergency: bool) -> float:
+        ramp = 0.0 if emergency or self.axis.ramp_stop is None else self.axis.ramp_takes
+        return ramp + _URGENT_STOP_TAKES
+
+    def explain(self, heard: bytes) -> str:
+        if is_native(self.address, heard):
+            return f"It answers in its own protocol ({heard.hex(' ').upper()}): {_MODBUS_IS_OFF}"
+        return ""
+
+    def hears(self, request: Request) -> bool:
+        return request.function in (WRITE_SINGLE, WRITE_MULTIPLE) and request.register in _WRITTEN
+
+    def disrupts(self, request: Request) -> bool:
+        return request.function in (WRITE_SINGLE, WRITE_MULTIPLE) and request.register in _DISRUPTING
+
+    def broadcast_stop(self) -> Request | None:
+        return write(BROADCAST, r.EMERGENCY_STOP, 1)
+
+    # Decoding
+
+    def _speed(self, data: bytes) -> Sequence[Facts]:
+        speed = r.SPEED.decode(data)
+        return ({Fact.SPEED: float(speed if self.positive is MotionDirection.CCW else -speed)},)
+
+    def _limit(self, data: bytes) -> Sequence[Facts]:
+        inputs = r.INPUTS.decode(data)
+        high = self.end_limits.trigger is Level.HIGH
+        two = self.model.has_outputs or self.acknowledged.limit_remap  # 1.2
+        closed = (Inputs.IN_1 in inputs) == high or (two and (Inputs.IN_2 in inputs) == high)
+        reached = closed and self.end_limits.on
+        return ({Fact.LIMIT: f"with inputs {inputs!r}: a limit switch is closed" if reached else ""},)
+
+
+_WHY_NOT = (
+    "The bus enables and moves it in the SR modes only (7.2.2), and as shipped it is in CR_vFOC: set_mode("
+    f"WorkMode.SR_VFOC), or set it at its keys. {hints(alarms.KEEP_IT_OFF)}"
+)
+_EFFECTS: dict[int, Effect] = {
+    r.EMERGENCY_STOP.address: STOPS,
+    r.SET_ZERO.address: Effect(frozenset({Fact.POSITION}), shifts=True),
+    r.GO_HOME.address: Effect(MOTION | {Fact.MARK}, _FOREVER, shifts=True),
+    r.RELEASE_STALL.address: Effect(frozenset({Fact.STALLED, Fact.ENABLED})),
+    r.POWER_ON_RUN.address: STOPS,
+    r.WORK_MODE.address: Effect(MOTION | {Fact.ENABLED}, shifts=True),
+    r.MICROSTEPS.address: Effect(MOTION, shifts=True),
+    r.HOMING.address: Effect(frozenset({Fact.LIMIT})),
+    r.LIMIT_REMAP.address: Effect(frozenset({Fact.LIMIT})),
+    r.PID_VFOC.address: Effect(shifts=True),
+    r.PID_CLOSE.address: Effect(shifts=True),
+}
+
+
+def _enabling(on: bool) -> Effect:
+    return Effect(frozenset({Fact.ENABLED, Fact.STALLED}), holds=on)
+
+
+def _position(data: bytes) -> Sequence[Facts]:
+    return ({Fact.POSITION: r.POSITION.decode(data)},)
+
+
+def _status(data: bytes) -> Sequence[Facts]:
+    status = r.STATUS.decode(data)
+    known = status in (Status.STOPPED, Status.SPEEDING_UP, Status.SLOWING_DOWN, Status.FULL_SPEED)
+    busy = status in (Status.HOMING, Status.CALIBRATING)
+    return ({Fact.RUNNING: status is not Status.STOPPED if known or busy else None},)
+
+
+def _enabled(data: bytes) -> Sequence[Facts]:
+    return ({Fact.ENABLED: r.ENABLED.decode(data)},)
+
+
+def _stalled(data: bytes) -> Sequence[Facts]:
+    return ({Fact.STALLED: r.STALLED.decode(data)},)
+
+
+def _homed(data: bytes) -> Sequence[Facts]:
+    return ({Fact.MARK: tuple(r.HOMED.decode(data))},)

@@ -14,6 +14,19 @@ _USUAL_OFFSET = 0x2000
 _USUAL_CURRENT = 400
 
 
+@dataclass(frozen=True, slots=True)
+class EndLimits:
+    """What the limit switches do, as far as is known: as shipped, or as a drive has acknowledged."""
+
+    trigger: Level = Level.LOW
+    """The level of IN_1 when the switch is closed."""
+    on: bool = False
+    """They limit every motion (6)."""
+
+
+_AS_SHIPPED = EndLimits()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SwitchHoming:
     """Look for the origin switch; where it closes is zero (5.1)."""
@@ -23,13 +36,19 @@ class SwitchHoming:
     """0..3000."""
     trigger: Level = Level.LOW
     """The level of IN_1 when the switch is closed."""
-    end_limits: bool = False
-    """Let the switches limit every motion afterwards (6). They count from the next homing on (5.3.2)."""
+    end_limits: bool | None = None
+    """Let the switches limit every motion afterwards (6). They count from the next homing on (5.3.2). None leaves that
+    as the drive has acknowledged it to this facade; where it has acknowledged nothing, they are off, as shipped."""
 
-    def frames(self, address: int, model: Model) -> list[Request]:
+    def limits(self, known: EndLimits) -> EndLimits:
+        """What the switches do afterwards."""
+        return EndLimits(self.trigger, known.on if self.end_limits is None else self.end_limits)
+
+    def frames(self, address: int, model: Model, known: EndLimits = _AS_SHIPPED) -> list[Request]:
         """What sets a drive up for it. Raises `LimitExceeded`."""
+        limits = self.limits(known)
         return [
-            write_block(address, r.HOMING, self.trigger, self.direction, self.rpm, self.end_limits),
+            write_block(address, r.HOMING, limits.trigger, self.direction, self.rpm, limits.on),
             write_block(address, r.HOMING_TORQUE, _USUAL_OFFSET, HomingMode.SWITCH, _USUAL_CURRENT),
         ]
 
@@ -45,13 +64,20 @@ class StopHoming:
     """The current, in mA, with which it runs against the stop: just enough to move the load."""
     offset_turns: float = 0.5
     """How far it goes back, 0..262143 turns."""
+    end_limits: bool | None = None
+    """As for `SwitchHoming`."""
 
-    def frames(self, address: int, model: Model) -> list[Request]:
+    def limits(self, known: EndLimits) -> EndLimits:
+        """What the switches do afterwards."""
+        return EndLimits(known.trigger, known.on if self.end_limits is None else self.end_limits)
+
+    def frames(self, address: int, model: Model, known: EndLimits = _AS_SHIPPED) -> list[Request]:
         """What sets a drive up for it. Raises `LimitExceeded`."""
         check_current("homing current", model, self.current)
         offset = round(real("offset_turns", self.offset_turns) * r.COUNTS_PER_TURN)
+        limits = self.limits(known)
         return [
-            write_block(address, r.HOMING, Level.LOW, self.direction, self.rpm, False),
+            write_block(address, r.HOMING, limits.trigger, self.direction, self.rpm, limits.on),
             write_block(address, r.HOMING_TORQUE, offset, HomingMode.STOP, self.current),
         ]
 
@@ -70,7 +96,11 @@ class SingleTurnHoming:
     set_zero_here: bool = False
     """Make the present position the zero of the turn."""
 
-    def frames(self, address: int, model: Model) -> list[Request]:
+    def limits(self, known: EndLimits) -> EndLimits:
+        """What the switches do afterwards: what they did before."""
+        return known
+
+    def frames(self, address: int, model: Model, known: EndLimits = _AS_SHIPPED) -> list[Request]:
         """What sets a drive up for it. Raises `LimitExceeded`."""
         mode = SingleTurn.NEAREST if self.direction is None else SingleTurn.BY_DIRECTION
         zero = ZeroPoint.SET_HERE if self.set_zero_here else ZeroPoint.KEEP
@@ -84,8 +114,8 @@ class SingleTurnHoming:
 Homing = SwitchHoming | StopHoming | SingleTurnHoming
 
 
-def homing_frames(address: int, model: Model, homing: Homing) -> list[Request]:
-    """What sets a drive up for a way of homing.
+def homing_frames(address: int, model: Model, homing: Homing, known: EndLimits = _AS_SHIPPED) -> list[Request]:
+    """What sets a drive up for a way of homing. What the limit switches do stays as it is `known`, unless asked for.
 
     Raises:
         LimitExceeded: a value is out of its range.
@@ -93,5 +123,5 @@ def homing_frames(address: int, model: Model, homing: Homing) -> list[Request]:
     """
     kinds = (SwitchHoming, StopHoming, SingleTurnHoming)
     return instance("homing", homing, kinds, "SwitchHoming(), StopHoming() or SingleTurnHoming()").frames(
-        address, model
+        address, model, known
     )

@@ -5,7 +5,6 @@ Settings can only be written. What a drive acknowledged is all that is ever know
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Final
@@ -16,6 +15,7 @@ from rs485bus.devices.mks.frames import current, write, write_block
 from rs485bus.devices.mks.homing import Homing, homing_frames
 from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Level, Model, ParameterDirection, WorkMode
 from rs485bus.errors import NotSupported
+from rs485bus.motion.settings import Cost, Setting
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Register
 
@@ -57,33 +57,8 @@ class PulseDivider:
     """The level with which it begins."""
 
 
-class Cost(enum.Flag):
-    """What it costs to change a setting."""
-
-    KEPT = enum.auto()
-    """The drive keeps it when it is switched off. That wears its flash: it is nothing for every cycle. The manual says
-    so of the current and of the power-on run alone; the others are taken to be kept too."""
-    STANDING = enum.auto()
-    """The motor must stand, or `NotStanding` is raised."""
-    SLOW = enum.auto()
-    """It may be answered after 1.6 s, in which the pair is taken; refused while a watchdog on the bus is armed."""
-    HOMING = enum.auto()
-    """Limits count only after the next homing (5.3.2)."""
-
-
 Frames = Callable[[int, Model, Any], list[Request]]
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """One setting."""
-
-    title: str
-    section: str
-    """Of the manual."""
-    cost: Cost
-    frames: Frames
-    """The requests that write it: of an address, a model and a value. Raises `LimitExceeded`, `NotSupported`."""
+MksSetting = Setting[[int, Model, Any]]
 
 
 def _register(register: Register[Any]) -> Frames:
@@ -107,7 +82,7 @@ def check_outputs(model: Model) -> None:
 
 _KEPT, _STANDING = Cost.KEPT, Cost.STANDING
 
-SETTINGS: Final[dict[str, Setting]] = {
+SETTINGS: Final[dict[str, MksSetting]] = {
     "mode": Setting("work mode", "3.2.2", _KEPT | _STANDING, _register(r.WORK_MODE)),
     "current": Setting(
         "working current", "3.2.3", _KEPT, lambda address, model, ma: [current(address, model, ma, save=True)]

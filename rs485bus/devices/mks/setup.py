@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from rs485bus.arguments import choice
@@ -10,21 +9,13 @@ from rs485bus.bus.handle import Handle
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import current
 from rs485bus.devices.mks.homing import Homing
-from rs485bus.devices.mks.settings import (
-    SETTINGS,
-    Cost,
-    Gains,
-    MksProfile,
-    PositionProtection,
-    PulseDivider,
-)
+from rs485bus.devices.mks.settings import SETTINGS, Gains, MksProfile, PositionProtection, PulseDivider
 from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, ParameterDirection, WorkMode
-from rs485bus.errors import DeviceRefused
+from rs485bus.motion.axis import Axis
+from rs485bus.motion.plan import Ask, Plan
 
-_NOTHING = MksProfile()
 
-
-class MksSetup(MksDrive):
+class MksSetup(Axis):
     """Settings. Each joins the queue and returns a handle, is kept by the drive when it is switched off, and wears its
     flash (see `Cost`); `set_current(..., save=False)` is the exception.
 
@@ -32,10 +23,12 @@ class MksSetup(MksDrive):
     `NotStanding` where the motor turns and must not, and what a request can end in (`DeviceRefused`, `NoReply`, ...).
     """
 
-    acknowledged: MksProfile = _NOTHING
-    """The settings that the drive has acknowledged to this facade. They cannot be read back."""
-    _unsure: frozenset[str] = frozenset()
-    """Settings by which moves go, and of which nobody knows whether the drive took the new value."""
+    _mks: MksDrive
+
+    @property
+    def acknowledged(self) -> MksProfile:
+        """The settings that the drive has acknowledged to this facade. They cannot be read back."""
+        return self._mks.acknowledged
 
     def write_profile(self, profile: MksProfile) -> Handle[MksProfile]:
         """Write all settings of a profile, in its order. The handle gives what the drive has acknowledged so far.
@@ -44,14 +37,14 @@ class MksSetup(MksDrive):
         what is missing.
         """
         for name, value in profile.values().items():
-            SETTINGS[name].frames(self.address, self.model, value)  # raises what is out of range before any is queued
+            self._check(name, value)
 
-        async def carry_out() -> MksProfile:
+        def plan() -> Plan[MksProfile]:
             for name, value in profile.values().items():
-                await self._write_setting(name, value)
-            return self.acknowledged
+                yield from self._mks.write(name, value)
+            return self._mks.acknowledged
 
-        return self._order("profile", carry_out)
+        return self._order_plan("profile", plan)
 
     def set_mode(self, mode: WorkMode) -> Handle[None]:
         """Who commands the motor, and how it is driven (3.2.2). The motor must stand. The bus moves the SR modes."""
@@ -64,10 +57,14 @@ class MksSetup(MksDrive):
             milliamperes: the current.
             save: whether the drive keeps it. Without, it holds until a restart and spares the flash.
         """
-        request = current(self.address, self.model, milliamperes, save)
         if save:
             return self._set("current", milliamperes)
-        return self._order(f"current {milliamperes} mA", lambda: self._ask_setting(request))
+        request = current(self._mks.address, self._mks.model, milliamperes, save=False)
+
+        def plan() -> Plan[None]:
+            yield Ask(request)
+
+        return self._order_plan(f"current {milliamperes} mA", plan)
 
     def set_holding_current(self, part: HoldingCurrent) -> Handle[None]:
         """The current at a standstill: 10 to 90 % of the working current (3.2.4)."""
@@ -134,29 +131,9 @@ class MksSetup(MksDrive):
     # Inside
 
     def _set(self, name: str, value: Any) -> Handle[None]:
-        setting = SETTINGS[name]
-        setting.frames(self.address, self.model, value)  # raises what is out of range before it is queued
-        return self._order(setting.title, lambda: self._write_setting(name, value))
+        self._check(name, value)
+        return self._order_plan(SETTINGS[name].title, lambda: self._mks.write(name, value))
 
-    async def _write_setting(self, name: str, value: Any) -> None:
-        setting = SETTINGS[name]
-        if Cost.STANDING in setting.cost:
-            await self._must_stand(setting.title)
-            self._forget()  # the shaft may shift a little with it
-        matters = name in ("mode", "microsteps")
-        if matters:
-            self._unsure |= {name}
-        try:
-            for request in setting.frames(self.address, self.model, value):
-                await self._ask_setting(request)
-        except DeviceRefused:
-            self._unsure -= {name}
-            raise
-        self._unsure -= {name}
-        if matters:
-            setattr(self, name, value)
-        self.acknowledged = replace(self.acknowledged, **{name: value})
-
-    async def _set_up(self) -> None:
-        for name in sorted(self._unsure):
-            await self._write_setting(name, getattr(self, name))
+    def _check(self, name: str, value: Any) -> None:
+        """Raise what is out of range before it is queued."""
+        SETTINGS[name].frames(self._mks.address, self._mks.model, value)

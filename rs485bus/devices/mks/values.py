@@ -44,7 +44,20 @@ class WorkMode(enum.IntEnum):
         return (400, 1500, 3000)[self % 3]
 
 
-class Status(enum.IntEnum):
+class Reported(enum.IntEnum):
+    """What a drive reports. A value that the manual does not name is none of the members, and no error."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> Reported | None:
+        if not isinstance(value, int):
+            return None
+        member = int.__new__(cls, value)
+        member._name_ = f"UNDEFINED_{value}"
+        member._value_ = value
+        return member
+
+
+class Status(Reported):
     """What the motor does (7.2.1)."""
 
     QUERY_FAILED = 0
@@ -56,7 +69,7 @@ class Status(enum.IntEnum):
     CALIBRATING = 6
 
 
-class Homed(enum.IntEnum):
+class Homed(Reported):
     """How a homing stands (3.1.7)."""
 
     UNDER_WAY = 0

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import anyio
 
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.adapter import FAMILY
+from rs485bus.devices.mks.drive import FAMILY
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.devices.mks.servo import MksServo
 from rs485bus.errors import DeviceRefused, MotionError, NoReply
@@ -104,7 +104,7 @@ async def _goes_on(
     """Whether the motor still turns after three times the watchdog's time with nothing but this traffic."""
     await servo.enable()
     await servo.run(RPM)
-    with anyio.move_on_after(_TIMES * timeout):
+    with servo.left_alone(), anyio.move_on_after(_TIMES * timeout):
         while True:
             await traffic()
     turning = await _turns(servo)

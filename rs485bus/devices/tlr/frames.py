@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord
-from rs485bus.wire.frames import Request, read_holding, write_multiple, write_single
+from rs485bus.wire.frames import WRITE_MULTIPLE, WRITE_SINGLE, Request, read_holding, write_multiple, write_single
 from rs485bus.wire.registers import Block, Register
 
 T = TypeVar("T")
@@ -39,3 +39,14 @@ def control(address: int, word: ControlWord) -> Request:
 def auxiliary(address: int, command: Auxiliary) -> Request:
     """Write the auxiliary control (3.5.3)."""
     return write_single(address, r.AUXILIARY.address, r.AUXILIARY.raw(command))
+
+
+def written(request: Request) -> dict[int, int]:
+    """The registers that a request writes, each with its value; none where it is no write of registers."""
+    if request.function == WRITE_SINGLE:
+        data = request.adu[4:6]
+    elif request.function == WRITE_MULTIPLE:
+        data = request.adu[7:-2]
+    else:
+        return {}
+    return dict(enumerate(words(data), request.register))

@@ -4,29 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import anyio
-
-from rs485bus.arguments import choice, instance, real
-from rs485bus.devices.move import Move, MoveState
+from rs485bus.arguments import choice, real
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.drive import TlrDrive
-from rs485bus.devices.tlr.knowledge import TlrLook
-from rs485bus.devices.tlr.values import ControlWord, HomingMode, StatusWord
+from rs485bus.devices.tlr.frames import control, read
+from rs485bus.devices.tlr.values import ControlWord, HomingMode
 from rs485bus.errors import (
-    DeviceOffline,
+    DeviceRefused,
+    DriveFault,
     HomingFailed,
     LimitExceeded,
-    NoReply,
-    NotEnabled,
-    OutcomeUnknown,
-    RequestFailed,
+    MoveFailed,
+    MoveTimeout,
+    ReferenceLost,
 )
-from rs485bus.wire.registers import Repeat
+from rs485bus.motion.diagnosis import LOST
+from rs485bus.motion.plan import Ask, Ended, Know, Plan, Stand, Start
+from rs485bus.motion.state import Fact
+from rs485bus.wire.frames import payload
 
-_POLL = 0.02
 _PAUSE = 1.0
 """Seconds for which it may stand where it turns round. One that stands for longer has ended."""
-_ATTEMPTS = 3
+_NOT_ENDED = "its last homing did not find the origin."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,150 +51,129 @@ class Homing:
         object.__setattr__(self, "mode", choice("mode", self.mode, HomingMode))
         real("offset", self.offset)
 
+    def check(self, name: str) -> None:
+        """Raise `LimitExceeded` for what is out of range, or never ends."""
+        r.HOMING.encode(self.mode, self.rpm, self.creep_rpm, self.ramp_ms, 0)
+        if not (self.rpm and self.creep_rpm):
+            raise LimitExceeded(f"{name}: it never finds its origin at 0 rpm")
 
-class TlrHoming(TlrDrive):
-    """A drive that finds its origin."""
-
-    def home(self, homing: Homing | None = None, *, timeout: float = 60.0) -> Move:
-        """Find the origin. Positions can be trusted then, and soft limits count.
-
-        The handle gives the position reached: 0, unless there is an offset.
-
-        Args:
-            homing: how; None for what the drive is set to.
-            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
-
-        Raises:
-            LimitExceeded: a value is out of its range; nothing is queued.
-            TypeError: one is of a wrong type; nothing is queued.
-        """
-        timeout = self._time("timeout", timeout)
-        if homing is not None:
-            instance("homing", homing, Homing, "Homing(mode=HomingMode.NEGATIVE_LIMIT)")
-            r.HOMING.encode(homing.mode, homing.rpm, homing.creep_rpm, homing.ramp_ms, 0)
-            if not (homing.rpm and homing.creep_rpm):
-                raise LimitExceeded(f"{self.name}: it never finds its origin at 0 rpm")
-        at_zero = homing is not None and homing.offset == 0
-        move = self._new_move("home", 0.0 if at_zero else None)
-        self._planned = 0.0 if at_zero else None
-        self._orders.add(move, lambda: self._home(move, homing, timeout))
-        return move
-
-    async def _home(self, move: Move, homing: Homing | None, timeout: float) -> float:
-        before = await self._ready_to_home()
-        mode = await self.link.read(r.HOMING_MODE) if homing is None else homing.mode
-        await self._check_input(mode)
-        if homing is not None:
-            offset = self._to_counts(homing.offset)
-            await self.link.put(r.HOMING, mode, homing.rpm, homing.creep_rpm, homing.ramp_ms, offset)
-        self._forget()
-        move.state = MoveState.STARTING
-        await self._begin_homing(move, before)
-        move.state = MoveState.MOVING
-        await self._see_it_home(move, before, mode, timeout)
-        look = await self._look()
-        self.motion.stands(look.at)
-        if look.restarted:
-            raise self._reference_lost()
-        if mode is HomingMode.HERE and homing is not None and homing.offset == 0 and not self._near(look.position, 0):
-            raise HomingFailed(f"{self.name} was to be at zero where it stands, and reports {look.position} pulses.")
-        self._lost = ""
-        self._enabled = look.enabled
-        self._commanded, self._seen = look.position, look
-        move.target = self._to_units(look.position)
-        return move.target
-
-    async def _ready_to_home(self) -> TlrLook:
-        """As before a move, but for the reference, which is about to be found."""
-        self._check_rearm()
-        await self._set_up()
-        look = await self._look()
-        if look.moving or self._running:
-            await self._stand_still()
-            look = await self._look()
-        if not look.enabled:
-            raise NotEnabled(f"{self.name} is not enabled: enable() it first.")
-        self._check_fault(look.report)
-        self._gone = False
-        return look
-
-    async def _check_input(self, mode: HomingMode) -> None:
-        """Homing by a switch that no input has would never end (3.4.3)."""
-        needed = mode.needs
-        if needed is not None and needed not in await self.link.read_words(r.ALL_INPUT_FUNCTIONS):
-            raise HomingFailed(
-                f"{self.name}: no input has the function {needed.name}, so that homing {mode.name} would never end. "
-                f"Nothing was started. Assign it: inputs[0] = DiFunction.{needed.name}."
-            )
-
-    async def _begin_homing(self, move: Move, before: TlrLook) -> None:
-        """Start it, once."""
-        for attempt in range(_ATTEMPTS):
-            await self._clear()
-            move.started_at = self.bus.now()
-            try:
-                await self.link.control(ControlWord.HOME, Repeat.VERIFY)
-                return
-            except OutcomeUnknown as unknown:
-                try:
-                    look = await self._look(quick=True)
-                except RequestFailed:
-                    await self._block(f"nobody knows whether its homing started ({unknown})")
-                    raise unknown from None
-                if self._differs(look, before):
-                    return
-                if attempt + 1 == _ATTEMPTS:
-                    raise
-
-    def _differs(self, look: TlrLook, before: TlrLook) -> bool:
-        """Whether something happened."""
-        return look.moving or _homed(look) is not _homed(before) or not self._near(look.position, before.position)
-
-    async def _see_it_home(self, move: Move, before: TlrLook, mode: HomingMode, timeout: float) -> None:
-        """Wait until it says that it is homed and stands, and has been seen to do something for it.
-
-        The drive may have been homed before. So that it says so proves nothing as long as it was not seen to take that
-        back, unless it stands for long enough.
-        """
-        assert move.started_at is not None
-        started = mode is HomingMode.HERE
-        fresh = not _homed(before)
-        stood_since = None
-        while True:
-            look = await self._look_while_homing(move)
-            if look is not None:
-                self._check_fault(look.report)
-                started = started or self._differs(look, before)
-                fresh = fresh or not _homed(look)
-                stood_since = None if look.moving else stood_since or look.at
-                if stood_since is not None and look.at > move.started_at + self._drive.start_grace:
-                    long = look.at - max(stood_since, move.started_at) > _PAUSE
-                    if started and _homed(look) and (fresh or long or mode is HomingMode.HERE):
-                        return
-                    if long:
-                        await self._stand_still()
-                        raise HomingFailed(
-                            f"{self.name} {'stands without having found its origin' if started else 'did not start'}, "
-                            f"with inputs {look.report.inputs!r}. Check the switch, the direction and the speed."
-                        )
-            if self.bus.now() > move.started_at + timeout:
-                self._begin_stop(emergency=True)
-                raise HomingFailed(
-                    f"{self.name} has not found its origin within {timeout:g} s and was stopped. Check the switch, "
-                    "the direction and the speed."
-                )
-            await anyio.sleep(_POLL)
-
-    async def _look_while_homing(self, move: Move) -> TlrLook | None:
-        try:
-            return await self._look(quick=True)
-        except NoReply:
-            return None
-        except DeviceOffline as error:
-            self._lost = "its drive stopped answering and may have restarted."
-            await self._block(f"its drive stopped answering during {move.what}")
-            raise HomingFailed(f"{self.name} stopped answering during {move.what}.") from error
+    def values(self, offset: int) -> tuple[int, int, int, int, int]:
+        """What the drive is told, with the offset in pulses."""
+        return self.mode, self.rpm, self.creep_rpm, self.ramp_ms, offset
 
 
-def _homed(look: TlrLook) -> bool:
-    return StatusWord.HOMED in look.report.status
+def find_origin(drive: TlrDrive, homing: Homing | None, offset: int, timeout: float) -> Plan[None]:
+    """Look for the origin.
+
+    Args:
+        drive: the drive.
+        homing: how; None for what it is set to.
+        offset: that of `homing`, in pulses.
+        timeout: seconds that it may take.
+
+    Raises:
+        HomingFailed: it was not found.
+        DriveFault, ReferenceLost: an alarm, or a restart, came between.
+    """
+    axis = drive.axis
+    mode = yield from _mode(drive, homing)
+    if homing is not None:
+        yield from drive.put(r.HOMING, *homing.values(offset))
+    yield from drive.clear_control()
+    yield Know((Fact.HOMED, Fact.POSITION), afresh=True)
+    search = _Search(drive, mode)
+    trusted, axis.lost = axis.lost, axis.lost or _NOT_ENDED
+    try:
+        yield Start(
+            control(drive.address, ControlWord.HOME),
+            stop=control(drive.address, ControlWord.STOP),
+            stopping=r.MAX_RAMP_MS / 1000,
+            signs=(Fact.HOMED,),
+            taken=search.has_started,
+        )
+    except DeviceRefused:
+        axis.lost = trusted  # it has not moved
+        raise
+    try:
+        yield Ended(search.has_ended, drive.tells(Fact.HOMED, Fact.MARK), timeout)
+    except MoveTimeout as late:
+        raise HomingFailed(
+            f"{drive.name} has not found its origin within {timeout:g} s and was stopped. Check the switch, the "
+            "direction and the speed."
+        ) from late
+    except DriveFault:
+        raise
+    except MoveFailed as error:
+        raise HomingFailed(str(error)) from error
+    if axis.holds is None:
+        raise ReferenceLost(f"{drive.name} has restarted during its homing: enable() it, then {LOST}")
+    if not search.has_found():
+        yield Stand(surely=True)  # it must not start after all once this has been said
+        raise HomingFailed(
+            f"{drive.name} {'stands without having found its origin' if search.has_started() else 'did not start'}, "
+            f"with inputs {axis.last(Fact.INPUTS).value!r}. Check the switch, the direction and the speed."
+        )
+    if mode is HomingMode.HERE and homing is not None and not offset and abs(axis.value(Fact.POSITION)) > axis.jump:
+        raise HomingFailed(
+            f"{drive.name} was to be at zero where it stands, and reports {axis.value(Fact.POSITION)} pulses."
+        )
+
+
+def _mode(drive: TlrDrive, homing: Homing | None) -> Plan[HomingMode]:
+    """How it will look. Homing by a switch that no input has would never end (3.4.3)."""
+    if homing is None:
+        mode = r.HOMING_MODE.decode(payload((yield Ask(read(drive.address, r.HOMING_MODE)))))
+    else:
+        mode = homing.mode
+    needed = mode.needs
+    functions = yield from drive.input_functions()
+    if needed is not None and needed not in functions:
+        raise HomingFailed(
+            f"{drive.name}: no input has the function {needed.name}, so that homing {mode.name} would never end. "
+            f"Nothing was started. Assign it: inputs[0] = DiFunction.{needed.name}."
+        )
+    return mode
+
+
+class _Search:
+    """One search, judged by what is known of the axis.
+
+    The drive may have been homed before. So that it says so proves nothing as long as it was not seen to take that
+    back, unless it stands for long enough.
+    """
+
+    def __init__(self, drive: TlrDrive, mode: HomingMode) -> None:
+        self._drive = drive
+        self._axis = drive.axis
+        self._here = mode is HomingMode.HERE
+        self._was_homed = self._axis.value(Fact.HOMED)
+        self._began_at = self._axis.value(Fact.POSITION)
+
+    def has_started(self) -> bool:
+        """Whether something was seen to happen."""
+        axis, drive = self._axis, self._drive
+        position, homed = axis.value(Fact.POSITION), axis.value(Fact.HOMED)
+        moved = position is not None and abs(position - self._began_at) > axis.rule.same
+        changed = homed is not None and homed is not self._was_homed
+        taken_back = self._was_homed and self._since_start(drive.not_homed_at)
+        return moved or changed or taken_back or self._since_start(drive.ran_at)
+
+    def has_found(self) -> bool:
+        """Whether it stands, and says that it is homed by this search."""
+        if not self._axis.value(Fact.HOMED):
+            return False
+        fresh = not self._was_homed or self._since_start(self._drive.not_homed_at) or self._stands_long
+        return self._here or (fresh and self.has_started())
+
+    def has_ended(self) -> bool | None:
+        """Whether it has found what it looked for; None if that cannot be told yet."""
+        if self._axis.holds is None:
+            return False  # it has restarted
+        return True if self.has_found() else False if self._stands_long else None
+
+    @property
+    def _stands_long(self) -> bool:
+        return self._axis.standstill.unmoved > _PAUSE
+
+    def _since_start(self, at: float) -> bool:
+        return at >= self._axis.motion.commanded_at

@@ -35,7 +35,7 @@ from typing import Any, Generic, TypeVar
 
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.tlr import registers as r
-from rs485bus.devices.tlr.drive import TlrDrive
+from rs485bus.devices.tlr.parameters import TlrParameters
 from rs485bus.devices.tlr.values import PathMode, PathTrigger
 from rs485bus.wire.registers import Block, Register
 
@@ -71,8 +71,10 @@ class SpeedPath:
 class Table(Generic[T]):
     """Entries that are set (`table[3] = entry`) and asked for (`await table[3]`) by index.
 
+    What was set before is written when the answer comes.
+
     Args:
-        drive: whose they are.
+        parameters: those of the drive.
         entries: where they are kept.
         values: what is written for an entry.
         typed: the entry that was read.
@@ -80,12 +82,12 @@ class Table(Generic[T]):
 
     def __init__(
         self,
-        drive: TlrDrive,
+        parameters: TlrParameters,
         entries: Sequence[Block | Register[Any]],
         values: Callable[[T], tuple[Any, ...]],
         typed: Callable[..., T],
     ) -> None:
-        self._drive = drive
+        self._parameters = parameters
         self._entries = entries
         self._values = values
         self._typed = typed
@@ -109,21 +111,19 @@ class Table(Generic[T]):
         """
         where = self._entry(index)
         where.encode(*self._values(entry))
-
-        async def carry_out() -> None:
-            await self._drive.link.put(where, *self._values(entry))
-
-        return self._drive.setting(f"{where.name} = {entry}", carry_out)
+        # How many pulses a distance is may be known only then.
+        return self._parameters.order(
+            f"{where.name} = {entry}", lambda: self._parameters.drive.put(where, *self._values(entry))
+        )
 
     async def _ask(self, where: Block | Register[Any]) -> T:
-        await self._drive.set_up()
-        if isinstance(where, Register):
-            return self._typed(await self._drive.link.read(where))
-        return self._typed(*await self._drive.link.read_block(where))
+        await self._parameters.set_up()
+        values = await self._parameters.ask(where)
+        return self._typed(values) if isinstance(where, Register) else self._typed(*values)
 
     def _entry(self, index: int) -> Block | Register[Any]:
         if not 0 <= index < len(self._entries):
-            raise IndexError(f"{self._drive.name}: {index} is outside 0..{len(self._entries) - 1}")
+            raise IndexError(f"{self._parameters.drive.name}: {index} is outside 0..{len(self._entries) - 1}")
         return self._entries[index]
 
 
@@ -131,42 +131,44 @@ class Paths(Table[Path]):
     """The 16 paths.
 
     Args:
-        drive: whose they are.
+        parameters: those of the drive.
         to_counts: from units of the axis to pulses.
         to_units: and back.
     """
 
-    def __init__(self, drive: TlrDrive, to_counts: Callable[[float], int], to_units: Callable[[int], float]) -> None:
+    def __init__(
+        self, parameters: TlrParameters, to_counts: Callable[[float], int], to_units: Callable[[int], float]
+    ) -> None:
         def values(path: Path) -> tuple[int, ...]:
             return to_counts(path.target), path.rpm, path.acceleration_ms, path.deceleration_ms
 
         def typed(target: int, *others: int) -> Path:
             return Path(to_units(target), *others)
 
-        super().__init__(drive, r.POSITION_PATHS, values, typed)
+        super().__init__(parameters, r.POSITION_PATHS, values, typed)
 
     def set_mode(self, mode: PathMode) -> Handle[None]:
         """Whether their targets are distances, as shipped, or positions (3.2.2)."""
-        return self._drive.put_setting(r.PATH_MODE, mode)
+        return self._parameters.put(r.PATH_MODE, mode)
 
     def set_trigger(self, trigger: PathTrigger) -> Handle[None]:
         """Whether a trigger interrupts a positioning under way, as shipped, or is ignored (3.2.2)."""
-        return self._drive.put_setting(r.PATH_TRIGGER, trigger)
+        return self._parameters.put(r.PATH_TRIGGER, trigger)
 
 
 class SpeedPaths(Table[SpeedPath]):
     """The 16 speed paths.
 
     Args:
-        drive: whose they are.
+        parameters: those of the drive.
         sign: 1, or -1 where the axis counts the other way round.
     """
 
-    def __init__(self, drive: TlrDrive, sign: int) -> None:
+    def __init__(self, parameters: TlrParameters, sign: int) -> None:
         def values(path: SpeedPath) -> tuple[int, ...]:
             return sign * path.rpm, path.acceleration_ms, path.deceleration_ms
 
         def typed(rpm: int, *others: int) -> SpeedPath:
             return SpeedPath(sign * rpm, *others)
 
-        super().__init__(drive, r.SPEED_PATHS, values, typed)
+        super().__init__(parameters, r.SPEED_PATHS, values, typed)

@@ -7,13 +7,18 @@ target bear witness: as long as they hold what was written last, it is the same 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 
 class Witness:
-    """What some registers were written to, and must still hold."""
+    """What some registers were written to, and must still hold.
 
-    def __init__(self) -> None:
+    Args:
+        registers: their addresses.
+    """
+
+    def __init__(self, registers: range) -> None:
+        self._registers = registers
         self._may_hold: list[set[int]] | None = None
 
     @property
@@ -21,13 +26,14 @@ class Witness:
         """Whether it is known what they must hold."""
         return self._may_hold is not None
 
-    def writing(self, values: Sequence[int]) -> None:
-        """These values are written. Until that is confirmed each register may hold the old or the new one."""
+    def sent(self, values: Mapping[int, int]) -> None:
+        """A write of these registers goes out. Until they are read each one may hold the old or the new value."""
         if self._may_hold is not None:
-            self._may_hold = [held | {value} for held, value in zip(self._may_hold, values, strict=True)]
+            for held, register in zip(self._may_hold, self._registers, strict=True):
+                held.update({values[register]} if register in values else ())
 
-    def written(self, values: Sequence[int]) -> None:
-        """They hold these values."""
+    def read(self, values: Sequence[int]) -> None:
+        """They were read, and held these values."""
         self._may_hold = [{value} for value in values]
 
     def forget(self) -> None:

@@ -119,7 +119,7 @@ class ZlacAttached(DeviceAdapter):
         count = 1 if request.function == WRITE_SINGLE else int.from_bytes(request.adu[4:6], "big")
         return request.register <= r.LAST and request.register + count > r.FIRST
 
-    def told(self, request: Request, reply: bytes, sent_at: float) -> None:
+    def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
         if request is self._status:
             self._told(StatusWord(r.STATUS.decode(payload(reply))))
 

@@ -15,8 +15,7 @@ from rs485bus.bus.handle import Handle
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.units.motion import Motion
-from rs485bus.devices.axis import Axis
-from rs485bus.devices.pace import Pace
+from rs485bus.devices.axis import FormerAxis
 from rs485bus.devices.travel import Look
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.modes import ZlacModes
@@ -33,6 +32,7 @@ from rs485bus.errors import (
     ReferenceLost,
     StopUnconfirmed,
 )
+from rs485bus.motion.parameters import MotionParameters
 
 P = TypeVar("P")
 
@@ -40,7 +40,7 @@ _CONTRADICTED = 0.1
 """Seconds for which a position must stay for a wheel to stand of which it is said that it runs."""
 
 
-class HubMotor(Axis):
+class HubMotor(FormerAxis):
     """One motor, as `ZlacWheel` without its commands.
 
     Args:
@@ -266,7 +266,7 @@ class HubMotor(Axis):
         """The mode the drive is in, if that is known."""
         return self.driver.attached.mode
 
-    def _pace(self, rpm: float | None, acceleration: float | None) -> Pace:
+    def _pace(self, rpm: float | None, acceleration: float | None) -> MotionParameters:
         # The drive may be set to less (0x2008) than the facade was made for.
         return super()._pace(min(self.rpm, self.driver.speed_limit) if rpm is None else rpm, acceleration)
 
@@ -274,7 +274,7 @@ class HubMotor(Axis):
     def _fastest(self) -> tuple[float, str]:
         return self.driver.speed_limit, f"the least of max_rpm, 0x2008 and {r.MAX_RPM}"
 
-    def _paced(self, rpm: float, acceleration: float) -> Pace:
+    def _paced(self, rpm: float, acceleration: float) -> MotionParameters:
         resolution = self.driver.speed_resolution
         real = max(1, round(rpm * resolution)) / resolution
         change = self.driver.options.ramp_rpm or real
@@ -285,7 +285,7 @@ class HubMotor(Axis):
                 f"{r.MAX_RAMP / 1000} s. Infinity is a jump"
             )
         ramp = round(1000 * change / acceleration)
-        return Pace(real, 1000 * change / ramp if ramp else math.inf, round(real), ramp)
+        return MotionParameters(real, 1000 * change / ramp if ramp else math.inf, round(real), ramp)
 
     @property
     def highest_rpm(self) -> float:
@@ -294,7 +294,7 @@ class HubMotor(Axis):
     def lowest_acceleration(self, rpm: float) -> float:
         return 1000 * (self.driver.options.ramp_rpm or rpm) / r.MAX_RAMP
 
-    def position_pace(self, rpm: float, acceleration: float) -> Pace:
+    def position_pace(self, rpm: float, acceleration: float) -> MotionParameters:
         if rpm > r.MAX_POSITION_RPM:
             raise LimitExceeded(f"{self.name}: {rpm:g} rpm is more than {r.MAX_POSITION_RPM} rpm for a position")
         return self._pace(float(max(1, round(rpm))), acceleration)

@@ -7,15 +7,15 @@ from collections.abc import Callable, Generator
 from typing import Any, Generic, TypeVar, cast
 
 from rs485bus.bus.handle import Handle
-from rs485bus.devices.meeting import Meeting
-from rs485bus.devices.move import Move
 from rs485bus.devices.zlac.values import Side
 from rs485bus.errors import MoveCancelled
+from rs485bus.motion.group.barrier import Barrier
+from rs485bus.motion.move import Move
 
 T = TypeVar("T")
 
 
-class Together(Meeting[Side]):
+class Together(Barrier[Side]):
     """Where the orders of both wheels meet.
 
     Args:

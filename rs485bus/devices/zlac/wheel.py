@@ -12,10 +12,6 @@ import anyio
 
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.schedule.burst import BurstSlot
-from rs485bus.devices.axis import Axis, Goal
-from rs485bus.devices.joint import JointMove
-from rs485bus.devices.move import Move, MoveState
-from rs485bus.devices.pace import Pace
 from rs485bus.devices.travel import Look
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import write_together
@@ -24,6 +20,9 @@ from rs485bus.devices.zlac.modes import Target
 from rs485bus.devices.zlac.together import Together
 from rs485bus.devices.zlac.values import ControlMode, Side, Synchrony, ZeroReset
 from rs485bus.errors import DeviceOffline, LimitExceeded, MoveFailed, NoReply, RequestFailed
+from rs485bus.motion.group.member import GroupAxis, GroupMemberMove
+from rs485bus.motion.move import Move, MoveState, MoveTarget
+from rs485bus.motion.parameters import MotionParameters
 from rs485bus.wire.frames import Request
 
 P = TypeVar("P")
@@ -43,7 +42,7 @@ class ZlacWheel(HubMotor):
 
     # Verbs
 
-    def goal_by(self, distance: float) -> Goal:
+    def goal_by(self, distance: float) -> MoveTarget:
         distance = self._number("distance", distance)
         if abs(self._to_counts(distance)) > r.MAX_COUNTS:
             raise LimitExceeded(
@@ -74,7 +73,7 @@ class ZlacWheel(HubMotor):
 
     # For the pair
 
-    def accompany(self, moves: Mapping[Axis, JointMove]) -> None:
+    def accompany(self, moves: Mapping[GroupAxis, GroupMemberMove]) -> None:
         """One frame starts both wheels, where both go."""
         right = self.other
         if self.side is Side.LEFT and right in moves and isinstance(right, ZlacWheel):
@@ -163,7 +162,7 @@ class ZlacWheel(HubMotor):
         self,
         move: Move,
         target_from: Callable[[Look], int],
-        pace: Pace,
+        pace: MotionParameters,
         send: Callable[[], Awaitable[None]] | None = None,
         *,
         once: bool = False,
@@ -183,7 +182,7 @@ class ZlacWheel(HubMotor):
             return look
 
     async def _carry_out_run(
-        self, move: Move, rpm: float, pace: Pace, duration: float | None, ticks: int | None
+        self, move: Move, rpm: float, pace: MotionParameters, duration: float | None, ticks: int | None
     ) -> None:
         async with self._in_turn(move, ControlMode.VELOCITY):
             pace = self._pace(pace.rpm, pace.acceleration)
@@ -241,16 +240,16 @@ class ZlacWheel(HubMotor):
 
     # Commands
 
-    async def _write_ahead(self, target: int, pace: Pace) -> None:
+    async def _write_ahead(self, target: int, pace: MotionParameters) -> None:
         await self._act(Target(target, self._from, round(pace.rpm), pace.ramp_code), self.modes.aim)
 
-    async def _send_start(self, target: int, pace: Pace, slot: BurstSlot | None) -> None:
+    async def _send_start(self, target: int, pace: MotionParameters, slot: BurstSlot | None) -> None:
         await self._start(None, lambda wheels: self.modes.launch(wheels, slot))
 
-    def start_frame(self, target: int, pace: Pace) -> Request:
+    def start_frame(self, target: int, pace: MotionParameters) -> Request:
         return self.modes.start_frame([self.side])
 
-    async def _send_run(self, rpm: float, pace: Pace, ticks: int | None) -> None:
+    async def _send_run(self, rpm: float, pace: MotionParameters, ticks: int | None) -> None:
         self._told = (r.TARGET_VELOCITY, round(rpm * self.driver.speed_resolution))
         self._ends_after = ticks
         await self._start((rpm, pace.acceleration), self.modes.run)

@@ -13,7 +13,6 @@ from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.watchdog.guard import WatchdogGuard
-from rs485bus.devices.move import Move
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.adapter import ZlacAttached
 from rs485bus.devices.zlac.driver import ZlacDriver, ZlacOptions
@@ -27,6 +26,7 @@ from rs485bus.devices.zlac.together import Both, Together
 from rs485bus.devices.zlac.values import Brake, ShaftState, Side
 from rs485bus.devices.zlac.wheel import ZlacWheel
 from rs485bus.errors import DriveFault, NotSent, RearmRequired, RequestFailed
+from rs485bus.motion.move import Move
 from rs485bus.wire.frames import unit_address
 from rs485bus.wire.registers import Register
 

@@ -26,7 +26,7 @@ from rs485bus.bus.schedule.verification import holds
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop
 from rs485bus.devices.mks import registers as mks
-from rs485bus.devices.mks.adapter import MksAttached
+from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import write_block
 from rs485bus.sim.campaigns.verdict import Fate, Verdict
 from rs485bus.sim.campaigns.witness import FORBIDDEN, HIDDEN, MEMORY, Witness
@@ -95,7 +95,7 @@ class Campaign:
             keep_frames=False,
             on_send=self._sent,
         )
-        self._attached = {address: MksAttached(address, _unheeded, _unheeded) for address in self._drives}
+        self._attached = {address: MksDrive(address) for address in self._drives}
         for address, attached in self._attached.items():
             rig.owner.units[address].attach(attached)
         self._stopped_at = dict.fromkeys((*self._drives, BROADCAST), _NEVER)
@@ -334,10 +334,6 @@ class Campaign:
         self._unplugged_at = rig.now
         rig.unplug()
         rig.at(rig.now + self._rng.uniform(0.05, 2), rig.plug)
-
-
-def _unheeded(*_: object) -> None:
-    """Nobody wants to know."""
 
 
 def kinds_of(seed: int) -> dict[str, object]:

@@ -135,7 +135,7 @@ class Servo:
 
     def __init__(self, bus: Bus, sim: SimMks) -> None:
         self.axis = MksServo(bus, sim.address, rpm=_MKS_RPM, acceleration=2000)
-        self.questions: tuple[Callable[[], Awaitable[object]], ...] = (self.axis.position, self.axis.running)
+        self.questions: tuple[Callable[[], Awaitable[object]], ...] = (self.axis.position, self.axis.motor_status)
         self._sim = sim
         self._zero = 0.0
 

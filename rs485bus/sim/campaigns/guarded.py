@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.watchdog.arming import Armed, Arming, admit_watchdogs
-from rs485bus.devices.mks.adapter import MksAttached
+from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.zlac.adapter import ZlacAttached
 from rs485bus.errors import WatchdogInfeasible
 from rs485bus.sim.device import SimDevice
@@ -43,7 +43,9 @@ class Drive:
         self.heard_at: float | None = None
         if address % 2:
             self.sim = SimMks(address)
-            self.adapter = MksAttached(address, lambda request, reply: None, self._interrupted)
+            adapter = MksDrive(address)
+            adapter.on_interrupted = self._interrupted
+            self.adapter = adapter
         else:
             self.sim = SimZlac(address, watchdog=0)
             self.adapter = ZlacAttached(

@@ -13,7 +13,7 @@ import anyio
 from rs485bus import BusConfig, MksServo, open_bus
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.record import Record
-from rs485bus.devices.move import Move, MoveState
+from rs485bus.motion.move import Move, MoveState
 from rs485bus.sim import SimMks, VirtualClockLoop, VirtualLine
 from rs485bus.wire.registers import Block, Register
 

@@ -9,7 +9,6 @@ import pytest
 from rs485bus import BusConfig
 from rs485bus.devices.mks import MotionDirection, WorkMode
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.move import Move
 from rs485bus.errors import (
     LimitExceeded,
     MoveCancelled,
@@ -18,6 +17,7 @@ from rs485bus.errors import (
     RearmRequired,
     ReferenceLost,
 )
+from rs485bus.motion.move import Move
 from rs485bus.sim import Machine
 from rs485bus.wire.registers import Block
 from tests.devices.mks.bench import FlakyMks, bench, on_virtual_clock, under_way

@@ -24,7 +24,7 @@ async def test_every_read_has_its_question() -> None:
         assert await axis.version() == 0x0109
         assert await axis.stalled() is False
         assert await axis.inputs() == Inputs.IN_1  # nothing closed at trigger level low
-        assert await axis.running() is Status.STOPPED
+        assert await axis.motor_status() is Status.STOPPED
         assert await axis.status() == MksStatus(
             Status.STOPPED, True, Homed.NOT_DONE, Homed.NOT_DONE, False, Inputs.IN_1
         )

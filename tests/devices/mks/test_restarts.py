@@ -6,7 +6,7 @@ import anyio
 import pytest
 
 from rs485bus.devices.mks import registers as r
-from rs485bus.errors import MotionError, OutcomeUnknown, RearmRequired, ReferenceLost
+from rs485bus.errors import OutcomeUnknown, RearmRequired, ReferenceLost
 from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock, under_way
 
 
@@ -82,7 +82,7 @@ async def test_a_drive_that_restarts_on_its_way_to_a_zero_that_was_set_is_found_
         move = on.axis.move_to(0.0, rpm=300)
         await anyio.sleep(6.0)
         on.sim.restart(on.bus.now())
-        with pytest.raises(ReferenceLost, match="not enabled any more"):
+        with pytest.raises(ReferenceLost, match="may have restarted"):
             await move
         with pytest.raises(ReferenceLost):
             await on.axis.move_to(1.0)
@@ -97,7 +97,7 @@ async def test_a_drive_that_restarted_on_its_way_to_zero_is_not_taken_for_one_th
         move = on.axis.move_to(0.0, rpm=300)
         await under_way(move, 6.0)
         sim.restart(on.bus.now())  # it counts from zero, where it stands
-        with pytest.raises(ReferenceLost, match="forgotten that it was homed"):
+        with pytest.raises(ReferenceLost, match=r"may have restarted|forgotten that it was homed"):
             await move
 
 
@@ -149,8 +149,8 @@ async def test_a_run_for_a_time_that_is_lost_on_a_turning_motor_ends_with_the_mo
     async with bench(FlakyMks()) as on:
         await on.axis.run(100)
         on.sim.lose_request(r.RUN_FOR)
-        with pytest.raises(MotionError):
-            await on.axis.run(200, duration=1.0)
+        await on.axis.run(200, duration=1.0)  # its speed shows that it was not told
+        assert len(on.sent(r.RUN_FOR)) == 2 + 1
         await anyio.sleep(2)
         assert not on.sim.moving(on.bus.now())
 

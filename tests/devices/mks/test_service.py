@@ -24,7 +24,7 @@ async def test_a_restarted_drive_is_waited_for_and_has_lost_its_reference(verb: 
         await on.axis.set_current(1200)
         await getattr(on.axis, verb)()
         assert on.sim.restarts == 1
-        assert await on.axis.running() is Status.STOPPED
+        assert await on.axis.motor_status() is Status.STOPPED
         with pytest.raises(ReferenceLost, match="was restarted"):
             await on.axis.move_to(3.0)
         assert on.shaft == pytest.approx(2.0)

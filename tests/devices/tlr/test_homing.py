@@ -48,7 +48,8 @@ async def test_homing_in_each_mode(trigger: str, mode: HomingMode, from_manual: 
     async with stepper_on(sim) as x:
         await x.enable()
         if from_manual:  # what the drive is set to
-            await x.link.put(r.HOMING, mode, 300, 30, 50, 0)
+            for register, value in zip(r.HOMING.fields, (mode, 300, 30, 50, 0), strict=True):
+                await x.write(register, value)  # type: ignore[arg-type] # all of them are registers
             assert await x.home() == pytest.approx(0.0, abs=0.002)
         else:
             assert await x.home(Homing(mode=mode, **FAST)) == pytest.approx(0.0, abs=0.002)

@@ -5,7 +5,7 @@ import logging
 
 import pytest
 
-from rs485bus import MoveState
+from rs485bus import BusConfig, MoveState
 from rs485bus.devices.tlr import OperatingMode
 from rs485bus.devices.tlr import registers as r
 from rs485bus.errors import DeviceRefused, LimitExceeded, MotionError, MoveCancelled, MoveFailed, NotEnabled
@@ -114,7 +114,8 @@ async def test_pulses_a_turn_are_those_of_the_drive(subdivision: int) -> None:
 @virtual
 async def test_targets_at_the_ends_of_32_bits(end: int, mode: OperatingMode) -> None:
     sim = SimTlr(subdivision=4000, operating_mode=mode)
-    async with stepper_on(sim, units_per_turn=4000.0, rpm=3000) as x:
+    config = BusConfig(supervision=5.0)  # it takes three hours
+    async with stepper_on(sim, config=config, units_per_turn=4000.0, rpm=3000) as x:
         x.enable()
         assert await x.move_to(end) == end
         assert sim.shaft(now()) == pytest.approx(end / 4000)

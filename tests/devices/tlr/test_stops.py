@@ -8,9 +8,9 @@ from rs485bus import BusConfig, MksServo, TlrStepper, open_bus
 from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.tlr import DiFunction
 from rs485bus.devices.tlr import registers as r
-from rs485bus.devices.tlr.adapter import TlrAttached
+from rs485bus.devices.tlr.drive import TlrDrive
 from rs485bus.devices.tlr.frames import read
-from rs485bus.errors import BroadcastConflict, MoveCancelled, NotSupported
+from rs485bus.errors import BroadcastConflict, MoveCancelled, MoveFailed, NotSupported
 from rs485bus.sim import SimMks, SimTlr, TlrMachine, VirtualLine
 from rs485bus.wire.frames import crc, read_holding, write_multiple, write_single
 from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on, writes
@@ -65,9 +65,11 @@ async def test_a_run_for_a_time_ends_by_itself_though_the_host_is_gone() -> None
         await short
         assert sim.shaft(now()) - start == pytest.approx(600 / 60 * 0.5 * 0.5, abs=0.001)
         assert now() - short.started_at == pytest.approx(1.0, abs=0.1)  # type: ignore[operator] # it was started
-        x.run(600, duration=5.0)
+        alone = x.run(600, duration=5.0)
         await asyncio.sleep(1.0)
         sim.receive, receive = (lambda frame, now: None), sim.receive  # type: ignore[method-assign]
+        with pytest.raises(MoveFailed, match="stopped answering"):
+            await alone
         await asyncio.sleep(5.0)
         assert not sim.moving(now())
         sim.receive = receive  # type: ignore[method-assign]
@@ -157,7 +159,7 @@ async def test_the_emergency_stop_of_a_mixed_bus() -> None:
 
 
 def test_what_it_hears_of_broadcasts() -> None:
-    attached = TlrAttached(1, lambda: None, lambda unheard, reason: None)
+    attached = TlrDrive(1, pulses_per_turn=4000)
     assert attached.hears(write_single(0, 0x4E, 3))
     assert attached.hears(write_single(0, 0x91, 1))
     assert attached.hears(write_multiple(0, 0x0F, [1, 2]))  # its second register is a setting
@@ -178,7 +180,7 @@ def answer(*values: int) -> bytes:
 
 
 def test_its_reads_can_be_told_apart_by_their_length() -> None:
-    attached = TlrAttached(1, lambda: None, lambda unheard, reason: None)
+    attached = TlrDrive(1, pulses_per_turn=4000)
     reads = attached.reads()
     assert reads[0] == read(1, r.TELEMETRY)
     assert len({request.length for request in reads}) == len(reads) == 3
@@ -189,7 +191,7 @@ def test_its_reads_can_be_told_apart_by_their_length() -> None:
     ("status", "rpm", "stands"), [(0, 0, True), (0, 2, True), (0, -3, False), (4, 0, False), (16, 0, True)]
 )
 def test_the_run_bit_and_the_speed_say_whether_it_stands(status: int, rpm: int, stands: bool) -> None:
-    attached = TlrAttached(1, lambda: None, lambda unheard, reason: None)
+    attached = TlrDrive(1, pulses_per_turn=4000)
     judge = attached.judgement(Motion())
     request = judge.ask(lambda request: True)
     assert request is attached.reads()[0]
@@ -197,7 +199,7 @@ def test_the_run_bit_and_the_speed_say_whether_it_stands(status: int, rpm: int, 
 
 
 def test_without_a_speed_two_equal_positions_say_so() -> None:
-    attached = TlrAttached(1, lambda: None, lambda unheard, reason: None)
+    attached = TlrDrive(1, pulses_per_turn=4000)
     judge = attached.judgement(Motion())
     _, second, third = attached.reads()
     assert judge.ask(lambda request: request is second) is second

@@ -17,7 +17,7 @@ MAX_QUEUED = 64
 """Commands that may wait on one axis."""
 
 
-class Orders:
+class CommandQueue:
     """Commands, in the order in which they were given.
 
     A command that fails cancels those behind it, and no new one is taken until somebody has seen the failure.
@@ -47,6 +47,8 @@ class Orders:
         self._current: Handle[Any] | None = None
         self._worker: asyncio.Task[None] | None = None
         self._failed: Handle[Any] | None = None
+        self._unawaited: Handle[Any] | None = None
+        """A failure that nobody could await."""
         self._hold: Handle[Any] | None = None
 
     @property
@@ -62,6 +64,10 @@ class Orders:
     def check(self) -> None:
         """Raise what keeps the queue from taking another command."""
         failed = self._failed
+        if failed is not None and failed is self._unawaited and not failed.seen:
+            assert failed.error is not None
+            failed.seen = True
+            raise failed.error
         if failed is not None and not failed.seen:
             raise MotionError(
                 f"{self._name} takes no commands: {failed.what} failed ({failed.error}), and nobody has seen it. "
@@ -81,6 +87,12 @@ class Orders:
     def forgive(self) -> None:
         """Take commands again after a failure that nobody has seen."""
         self._failed = None
+
+    def fail(self, failure: Handle[Any], error: Exception) -> None:
+        """What goes on without a command has failed: who gives the next one is told."""
+        self._failed = self._unawaited = failure
+        failure.fail(error)
+        self._cancel_waiting(MoveCancelled(f"Cancelled: {failure.what} failed before it ({error})."))
 
     def hold(self, until: Handle[Any]) -> None:
         """Begin no other command before that one has ended."""

@@ -13,7 +13,7 @@ P = TypeVar("P")
 R = TypeVar("R")
 
 
-class Meeting(Generic[K]):
+class Barrier(Generic[K]):
     """A meeting, as often as they come to it.
 
     Args:

@@ -14,12 +14,11 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.schedule.burst import Burst, BurstSlot
 from rs485bus.bus.units.adapter import DeviceAdapter
-from rs485bus.devices.axis import Axis, Goal
-from rs485bus.devices.joint import Course
-from rs485bus.devices.meeting import Meeting
-from rs485bus.devices.move import MoveState
-from rs485bus.devices.pace import fitting, quickest, slowest
 from rs485bus.errors import BusError, LimitExceeded, MoveCancelled
+from rs485bus.motion.group.barrier import Barrier
+from rs485bus.motion.group.member import Course, GroupAxis
+from rs485bus.motion.move import MoveState, MoveTarget
+from rs485bus.motion.parameters import fitting, quickest, slowest
 from rs485bus.wire.frames import Request
 
 _ROUNDING = 0.001
@@ -34,12 +33,12 @@ class Wish:
     duration: float | None = None
     rpm: float | None = None
 
-    def highest(self, axis: Axis) -> float:
+    def highest(self, axis: GroupAxis) -> float:
         """The highest speed, in rpm, that an axis may have."""
         wanted = self.rpm if self.rpm is not None else axis.rpm if self.duration is None else math.inf
         return min(wanted, axis.highest_rpm)
 
-    def check(self, axis: Axis, turns: float, late: float = 0.0) -> None:
+    def check(self, axis: GroupAxis, turns: float, late: float = 0.0) -> None:
         """Raise `LimitExceeded` where the duration is none that the axis can take for so many turns, if it starts so
         many seconds late."""
         if self.duration is None or not turns:
@@ -58,7 +57,7 @@ class Wish:
             )
 
 
-class Formation:
+class GroupExecution:
     """Axes on their way, each by a move of its own. Made once all was checked: the moves are queued at once.
 
     Args:
@@ -71,8 +70,8 @@ class Formation:
 
     def __init__(
         self,
-        axes: Mapping[str, Axis],
-        goals: Mapping[str, Goal],
+        axes: Mapping[str, GroupAxis],
+        goals: Mapping[str, MoveTarget],
         wish: Wish,
         finished: Callable[[dict[str, float]], None],
         failed: Callable[[str | None, Exception], None],
@@ -81,7 +80,7 @@ class Formation:
         self._wish = wish
         self._tell_finished = finished
         self._tell_failed = failed
-        self._meeting: Meeting[str] = Meeting(axes)
+        self._barrier: Barrier[str] = Barrier(axes)
         self._arrived: set[str] = set()
         self._all_arrived = asyncio.Event()
         self._positions: dict[str, float] = {}
@@ -103,10 +102,10 @@ class Formation:
     # As each of them sees it
 
     async def meet(self, who: str) -> None:
-        await self._meeting.meet(who, None, _nothing)
+        await self._barrier.meet(who, None, _nothing)
 
     async def agree(self, who: str, turns: float, target: int) -> Course:
-        return (await self._meeting.meet(who, (turns, target), self._plan))[who]
+        return (await self._barrier.meet(who, (turns, target), self._plan))[who]
 
     async def all_arrived(self, who: str, within: float) -> bool:
         self._arrived.add(who)
@@ -182,7 +181,7 @@ class Formation:
         # Who is being stopped for the same reason anyway, and faster perhaps, goes first.
         asyncio.get_running_loop().call_soon(self._stop, begun)
 
-    def _stop(self, begun: list[Axis]) -> None:
+    def _stop(self, begun: list[GroupAxis]) -> None:
         for axis in begun:
             with contextlib.suppress(BusError):  # one that cannot be stopped must not keep the others from it
                 axis.stop_if_moving()

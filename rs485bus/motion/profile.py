@@ -112,3 +112,59 @@ def seconds_to(turns: float, rpm: float, ramp: float, speed: float) -> float:
         # The rest of a move that began earlier, from a stand.
         return Profile(way + braking, rpm, ramp).duration - fast / ramp
     return fast / ramp + _MINUTE * (way - braking) / rpm
+
+
+@dataclass(frozen=True, slots=True)
+class RunProfile:
+    """A run at a speed, perhaps for a time. Positive and negative speeds are the two directions.
+
+    Args:
+        rpm: its speed.
+        rate: the rate at which speeds change, above 0.
+        before: the speed at which it begins, in rpm.
+        duration: seconds after which it slows down; None if it goes on.
+    """
+
+    rpm: float
+    rate: float
+    before: float = 0.0
+    duration: float | None = None
+
+    @property
+    def ramp(self) -> float:
+        """Seconds until its speed is reached."""
+        return abs(self.rpm - self.before) / self.rate
+
+    @property
+    def ends_after(self) -> float:
+        """Seconds from its start to standing; infinity if it goes on."""
+        if self.rpm == 0:
+            return self.ramp
+        if self.duration is None:
+            return math.inf
+        return self.duration + abs(self._speed_after(self.duration)) / self.rate
+
+    def turns_after(self, seconds: float) -> float:
+        """How far it has come so many seconds after its start."""
+        if seconds <= 0:
+            return 0.0
+        until = seconds if self.duration is None else min(seconds, self.duration)
+        turns = self._turns_up(until)
+        if self.duration is not None and seconds > self.duration:
+            speed = self._speed_after(self.duration)
+            down = min(seconds - self.duration, abs(speed) / self.rate)
+            turns += math.copysign(abs(speed) * down - self._fallen(down), speed) / _MINUTE
+        return turns
+
+    def _speed_after(self, seconds: float) -> float:
+        if seconds >= self.ramp:
+            return self.rpm
+        return self.before + math.copysign(self.rate * seconds, self.rpm - self.before)
+
+    def _turns_up(self, seconds: float) -> float:
+        changing = min(seconds, self.ramp)
+        mean = (self.before + self._speed_after(changing)) / 2
+        return (mean * changing + self.rpm * (seconds - changing)) / _MINUTE
+
+    def _fallen(self, seconds: float) -> float:
+        return self.rate * seconds * seconds / 2 if seconds else 0.0

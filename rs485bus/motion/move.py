@@ -6,6 +6,7 @@ import asyncio
 import enum
 from abc import abstractmethod
 from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
@@ -13,6 +14,22 @@ from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class MoveTarget:
+    """Where a move is to go, in the axis' units."""
+
+    what: str
+    """Names the move in messages."""
+    target: float | None
+    """Where that is, if it is said as a position."""
+    planned: float | None
+    """Where that is, as far as is known before those that are queued before it."""
+    position: Callable[[int], float]
+    """Where that is, from the counts at which the move starts."""
+    reach: tuple[int, int]
+    """Between which targets it may lie, in counts."""
 
 
 class MoveState(enum.Enum):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-from rs485bus.profile import Profile, ramp_for, rpm_for
+from rs485bus.motion.profile import Profile, ramp_for, rpm_for
 
 _CLOSE = 0.0005
 """The part of its time by which a move may take longer or shorter without a further search."""
@@ -15,7 +15,7 @@ _CANDIDATES = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class MotionParameters:
     """How fast a move goes: what the drive makes of what was asked for, and how that is said to it."""
 
     rpm: float
@@ -23,17 +23,32 @@ class Pace:
     """rpm/s; infinity for a jump."""
     speed_code: int
     ramp_code: int
+    deceleration: float | None = None
+    """rpm/s, where the ramp down is another one; infinity for a jump."""
+    down_code: int | None = None
+    """How that is said."""
+
+    @property
+    def slowing_down(self) -> float:
+        """The rate of the ramp down, in rpm/s."""
+        return self.acceleration if self.deceleration is None else self.deceleration
+
+    @property
+    def slowing_code(self) -> int:
+        """How that is said to the drive."""
+        return self.ramp_code if self.down_code is None else self.down_code
 
     def profile(self, turns: float) -> Profile:
         """A move over so many turns."""
-        return Profile(turns, self.rpm, self.acceleration)
+        return Profile(turns, self.rpm, self.acceleration, self.deceleration)
 
     def seconds(self, turns: float) -> float:
         """How long that takes."""
         return self.profile(turns).duration
 
 
-class Paced(Protocol):
+@runtime_checkable
+class Tellable(Protocol):
     """What can be told speeds and ramps."""
 
     acceleration: float
@@ -50,11 +65,11 @@ class Paced(Protocol):
     def lowest_acceleration(self, rpm: float) -> float:
         """The slowest ramp to a speed, in rpm/s: the same for all speeds, or in proportion to them."""
 
-    def position_pace(self, rpm: float, acceleration: float) -> Pace:
+    def position_pace(self, rpm: float, acceleration: float) -> MotionParameters:
         """What the drive makes of a speed and an acceleration on its way to a position. Raises `LimitExceeded`."""
 
 
-def quickest(axis: Paced, highest: float) -> Pace:
+def quickest(axis: Tellable, highest: float) -> MotionParameters:
     """The quickest pace at up to so many rpm."""
     lowest = axis.lowest_acceleration(highest)
     if lowest > axis.acceleration:
@@ -62,12 +77,12 @@ def quickest(axis: Paced, highest: float) -> Pace:
     return axis.position_pace(highest, axis.acceleration)
 
 
-def slowest(axis: Paced) -> Pace:
+def slowest(axis: Tellable) -> MotionParameters:
     """The slowest pace."""
     return axis.position_pace(axis.rpm_step, axis.lowest_acceleration(axis.rpm_step))
 
 
-def fitting(axis: Paced, turns: float, seconds: float, highest: float) -> Pace:
+def fitting(axis: Tellable, turns: float, seconds: float, highest: float) -> MotionParameters:
     """The pace at which a move comes nearest to taking so long.
 
     The axis' own acceleration is taken where a speed fits with it; where steps of the speed are too coarse, a higher

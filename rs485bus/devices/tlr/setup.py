@@ -11,8 +11,12 @@ from rs485bus.arguments import whole
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.drive import TlrDrive
+from rs485bus.devices.tlr.frames import words, write
+from rs485bus.devices.tlr.parameters import TlrParameters
 from rs485bus.devices.tlr.values import Auxiliary, BaudRate, LimitStop, OperatingMode, SerialFormat
 from rs485bus.errors import NotSupported
+from rs485bus.motion.axis import Axis
+from rs485bus.motion.plan import Ask, Plan, Stand
 from rs485bus.wire.frames import MAX_ADDRESS
 from rs485bus.wire.registers import Field, Register, Repeat
 
@@ -32,8 +36,15 @@ _VERBS: dict[Register[Any] | Field[Any], str] = {
 _FREE = frozenset(register.address for register in r.SETTINGS if register not in _VERBS)
 
 
-class TlrSettings(TlrDrive):
-    """A drive that is set up."""
+class TlrSetup(Axis):
+    """Settings. Each joins the queue and returns a handle. What is written is read back.
+
+    Every method raises `LimitExceeded` for a value out of its range, before anything is queued. The handle raises what
+    a request can end in (`DeviceRefused`, `NoReply`, ...).
+    """
+
+    _tlr: TlrDrive
+    _parameters: TlrParameters
 
     # Limits
 
@@ -45,31 +56,47 @@ class TlrSettings(TlrDrive):
         if low is None or high is None:
             if low is not high:
                 raise ValueError("set_soft_limits takes both limits, or none to turn them off")
-            return self.put_setting(r.SOFT_LIMITS_ON, False)
-        low, high = self._number("soft limit", low), self._number("soft limit", high)
-        if low > high:
+            return self._parameters.put(r.SOFT_LIMITS_ON, False)
+        ends = self._number("soft limit", low), self._number("soft limit", high)
+        if ends[0] > ends[1]:
             raise ValueError(f"soft limits {low:g}..{high:g} are the wrong way round")
 
-        async def carry_out() -> None:
-            negative, positive = sorted((self._to_counts(low), self._to_counts(high)))
-            await self.link.put(r.SOFT_LIMITS, positive, negative)
-            await self.link.put(r.SOFT_LIMITS_ON, True)
+        def plan() -> Plan[None]:
+            negative, positive = sorted(map(self._to_counts, ends))
+            yield from self._tlr.put(r.SOFT_LIMITS, positive, negative)
+            yield from self._tlr.put(r.SOFT_LIMITS_ON, True)
 
-        return self.setting(f"soft limits {low:g}..{high:g}", carry_out)
+        return self._parameters.order(f"soft limits {low:g}..{high:g}", plan)
 
     def set_limit_stop(self, how: LimitStop) -> Handle[None]:
         """What a limit switch does to the motor."""
-        return self.put_setting(r.LIMIT_STOP, how)
+        return self._parameters.put(r.LIMIT_STOP, how)
 
     # Counting
 
     def set_subdivision(self, pulses: int) -> Handle[None]:
-        """Pulses a turn: 400..51200. Positions then mean something else: home the axis, or set its zero."""
-        return self._recount(r.SUBDIVISION, pulses)
+        """Pulses a turn: 400..51200. Positions then mean something else: home the axis, or set its zero.
+
+        It holds from then on, whatever `pulses_per_turn` the axis was made with.
+        """
+        r.SUBDIVISION.encode(pulses)
+
+        def plan() -> Plan[None]:
+            self._tlr.pulses_per_turn = None  # it is asked for before the next command
+            yield Stand()
+            yield from self._tlr.put(r.SUBDIVISION, pulses)
+
+        return self._parameters.order(f"{r.SUBDIVISION.name} = {pulses}", plan)
 
     def set_direction(self, *, reverse: bool) -> Handle[None]:
         """Which way the shaft turns. Positions then mean something else: home the axis, or set its zero."""
-        return self._recount(r.DIRECTION, reverse)
+        r.DIRECTION.encode(reverse)
+
+        def plan() -> Plan[None]:
+            yield Stand()
+            yield from self._tlr.put(r.DIRECTION, reverse)
+
+        return self._parameters.order(f"{r.DIRECTION.name} = {reverse}", plan)
 
     # The line. The DIP switches must allow for it: SW1 to SW4 off for the station, SW5 on for the baud rate.
 
@@ -94,13 +121,13 @@ class TlrSettings(TlrDrive):
     def save(self) -> Handle[None]:
         """Have the drive keep what it is set to when it is switched off."""
 
-        async def carry_out() -> None:
+        def plan() -> Plan[None]:
             # What is saved must not be what is written next: else a restart could not be told.
-            await self._put_nothing(unlike=0)
-            await self.link.auxiliary(Auxiliary.SAVE)
-            await self._put_nothing(unlike=1)
+            yield from self._tlr.put_nothing(unlike=0)
+            yield from self._tlr.auxiliary(Auxiliary.SAVE)
+            yield from self._tlr.put_nothing(unlike=1)
 
-        return self.setting("save", carry_out)
+        return self._parameters.order("save", plan)
 
     def factory_reset(self) -> Handle[None]:
         """Set everything as it was shipped, the station and the baud rate too.
@@ -108,25 +135,22 @@ class TlrSettings(TlrDrive):
         The axis then needs `enable()`, and `home()` or `set_zero()`. Raises `OutcomeUnknown` if the answer is lost.
         """
 
-        async def carry_out() -> None:
-            if self._running:
-                await self._stand_still()
-            try:
-                await self.link.auxiliary(Auxiliary.FACTORY_RESET, Repeat.NEVER)
-            finally:
-                self._restarted("its drive was reset.")
+        def plan() -> Plan[None]:
+            yield Stand()
+            yield from self._tlr.auxiliary(Auxiliary.FACTORY_RESET, Repeat.NEVER)
 
-        return self.setting("factory reset", carry_out)
+        return self._parameters.order("factory reset", plan)
 
     def set_operating_mode(self, mode: OperatingMode) -> Handle[None]:
         """Whether its loop is closed. It counts after `save()` and a power cycle; TLO drives have no encoder."""
-        return self.put_setting(r.OPERATING_MODE, mode)
+        return self._parameters.put(r.OPERATING_MODE, mode)
 
     # Anything else
 
     async def read(self, register: Register[T]) -> T:
-        """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`."""
-        return await self.link.read(register)
+        """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`. Settings queued before are done then."""
+        value: T = await self._parameters.ask(register)
+        return value
 
     def write(self, register: Register[T], value: T, *, manufacturer: bool = False) -> Handle[None]:
         """Write any parameter that is kept, and read it back.
@@ -150,22 +174,15 @@ class TlrSettings(TlrDrive):
                 f"{self.name}: {register.name} (0x{register.address:X}) is not written like that; for what can be, "
                 f"there is {_VERBS.get(register, 'move_to(), run(), home(), stop(), enable(), set_zero(), save()')}."
             )
-        return self.put_setting(register, value)
+        return self._parameters.put(register, value)
 
     # Inside
 
-    def _recount(self, register: Register[Any], value: Any) -> Handle[None]:
-        register.encode(value)
-
-        async def carry_out() -> None:
-            if self._running:
-                await self._stand_still()
-            self._lost = f"its {register.name} was changed."
-            self._forget()
-            self._ready = False
-            await self.link.put(register, value)
-
-        return self.setting(f"{register.name} = {value}", carry_out)
-
     def _reach_by(self, register: Register[Any], value: Any) -> Handle[None]:
-        return self.setting(f"{register.name} = {value}", lambda: self.link.write(register, value))
+        """Queue the writing of what the drive is reached by: once, and without reading it back."""
+        values = words(register.encode(value))
+
+        def plan() -> Plan[None]:
+            yield Ask(write(self._tlr.address, register.address, values), repeat=Repeat.NEVER)
+
+        return self._parameters.order(f"{register.name} = {value}", plan)

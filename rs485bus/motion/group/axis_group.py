@@ -9,10 +9,10 @@ from typing import Any, Generic, TypeVar
 
 from rs485bus.arguments import positive
 from rs485bus.bus.handle import Handle
-from rs485bus.devices.axis import Axis, Goal
-from rs485bus.devices.formation import Formation, Wish
-from rs485bus.devices.move import Cancellable, Move, MoveState
 from rs485bus.errors import LimitExceeded, MoveCancelled, NotSupported
+from rs485bus.motion.group.execution import GroupExecution, Wish
+from rs485bus.motion.group.member import GroupAxis
+from rs485bus.motion.move import Cancellable, Move, MoveState, MoveTarget
 
 T = TypeVar("T")
 
@@ -28,12 +28,12 @@ class GroupMove(Cancellable[dict[str, float]]):
     `async with` waits for it at the end of the block, and stops all its axes if the block is left by an exception.
     """
 
-    def __init__(self, axes: Mapping[str, Axis], goals: Mapping[str, Goal], wish: Wish) -> None:
+    def __init__(self, axes: Mapping[str, GroupAxis], goals: Mapping[str, MoveTarget], wish: Wish) -> None:
         self._root: str | None = None
         """Who failed first."""
         super().__init__(f"move of the group {', '.join(axes)}", self._report)
         self._axes = axes
-        self._formation = Formation(axes, goals, wish, self.finish, self._failed)
+        self._execution = GroupExecution(axes, goals, wish, self.finish, self._failed)
 
     @property
     def seen(self) -> bool:
@@ -50,7 +50,7 @@ class GroupMove(Cancellable[dict[str, float]]):
     @property
     def moves(self) -> Mapping[str, Move]:
         """The part of each axis, by name."""
-        return self._formation.moves
+        return self._execution.moves
 
     @property
     def eta(self) -> float | None:
@@ -71,7 +71,7 @@ class GroupMove(Cancellable[dict[str, float]]):
         for axis in self._axes.values():
             axis.bus.check_thread()
         if not self.done():
-            self._formation.cancel(MoveCancelled(f"{self.what} was cancelled."))
+            self._execution.cancel(MoveCancelled(f"{self.what} was cancelled."))
 
     async def wait(self) -> dict[str, float]:
         """Wait until all have arrived.
@@ -90,7 +90,7 @@ class GroupMove(Cancellable[dict[str, float]]):
             self._axes[self._root].bus.unseen(handle)
 
 
-class Everyone(Generic[T]):
+class HandleOfSeveral(Generic[T]):
     """One command of each axis of a group. Awaiting it gives what comes of each, by name.
 
     Args:
@@ -140,12 +140,12 @@ class AxisGroup:
         TypeError: something is no axis.
     """
 
-    def __init__(self, **axes: Axis) -> None:
+    def __init__(self, **axes: GroupAxis) -> None:
         if not axes:
             raise ValueError("a group needs axes: AxisGroup(x=..., y=...)")
-        names: dict[Axis, str] = {}
+        names: dict[GroupAxis, str] = {}
         for name, axis in axes.items():
-            if not isinstance(axis, Axis):
+            if not isinstance(axis, GroupAxis):
                 raise TypeError(
                     f"{name} is {axis!r}, and no axis. Of what has several, name one by one: left=base.left, ..."
                 )
@@ -155,7 +155,7 @@ class AxisGroup:
                 raise ValueError(f"{names[axis]} and {name} are one axis, {axis.name}: give it one name")
             axis.bus.check_thread()
             names[axis] = name
-        self.axes: Mapping[str, Axis] = dict(axes)
+        self.axes: Mapping[str, GroupAxis] = dict(axes)
 
     def __repr__(self) -> str:
         return f"<group {', '.join(f'{name}={axis.name}' for name, axis in self.axes.items())}>"
@@ -182,13 +182,13 @@ class AxisGroup:
             ValueError: a name is none of the group, or none is given.
             TypeError: something is no number.
         """
-        return self._go(positions, Axis.goal_to, duration, rpm)
+        return self._go(positions, lambda axis, to: axis.goal_to(to), duration, rpm)
 
     def move_by(self, *, duration: float | None = None, rpm: float | None = None, **distances: float) -> GroupMove:
         """Send axes a distance each. Arguments and errors as for `move_to`."""
-        return self._go(distances, Axis.goal_by, duration, rpm)
+        return self._go(distances, lambda axis, by: axis.goal_by(by), duration, rpm)
 
-    def home(self) -> Everyone[float]:
+    def home(self) -> HandleOfSeveral[float]:
         """Find the origins of all axes, at once, each as its drive is set up for. All are waited for.
 
         Raises:
@@ -204,23 +204,23 @@ class AxisGroup:
 
     # Other verbs
 
-    def enable(self) -> Everyone[None]:
+    def enable(self) -> HandleOfSeveral[None]:
         """Energise all motors, as `Axis.enable`."""
         for axis in self.axes.values():
             axis.forgive()
         return self._all({name: axis.enable for name, axis in self.axes.items()})
 
-    def disable(self) -> Everyone[None]:
+    def disable(self) -> HandleOfSeveral[None]:
         """Let go of all shafts, as `Axis.disable`."""
         return self._all({name: axis.disable for name, axis in self.axes.items()})
 
-    def stop(self) -> Everyone[None]:
+    def stop(self) -> HandleOfSeveral[None]:
         """Stop all axes, with their ramps; see them stand, and drop what is queued. It happens at once."""
-        return Everyone({name: axis.stop() for name, axis in self.axes.items()})
+        return HandleOfSeveral({name: axis.stop() for name, axis in self.axes.items()})
 
-    def emergency_stop(self) -> Everyone[None]:
+    def emergency_stop(self) -> HandleOfSeveral[None]:
         """Stop all axes as fast as their drives can; see them stand, and drop what is queued."""
-        return Everyone({name: axis.emergency_stop() for name, axis in self.axes.items()})
+        return HandleOfSeveral({name: axis.emergency_stop() for name, axis in self.axes.items()})
 
     # Questions
 
@@ -231,16 +231,16 @@ class AxisGroup:
 
     # Inside
 
-    def _all(self, commands: Mapping[str, Callable[[], Handle[T]]]) -> Everyone[T]:
+    def _all(self, commands: Mapping[str, Callable[[], Handle[T]]]) -> HandleOfSeveral[T]:
         """Give a command to each axis, or to none where one does not take it."""
         for axis in self.axes.values():
             axis.check_ready()
-        return Everyone({name: command() for name, command in commands.items()})
+        return HandleOfSeveral({name: command() for name, command in commands.items()})
 
     def _go(
         self,
         places: Mapping[str, float],
-        goal: Callable[[Axis, float], Goal],
+        goal: Callable[[GroupAxis, float], MoveTarget],
         duration: float | None,
         rpm: float | None,
     ) -> GroupMove:

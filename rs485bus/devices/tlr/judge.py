@@ -1,0 +1,36 @@
+"""How a TL-R drive that was stopped is seen to stand. Pure. Source: TL-R manual, 3.5.1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rs485bus.bus.units.adapter import StandstillDetector
+from rs485bus.devices.tlr.telemetry import report
+from rs485bus.motion.standstill import Standstill, StandstillRule
+from rs485bus.wire.frames import Request, payload
+
+
+class TlrStopJudge(StandstillDetector):
+    """It stands if its status says so and its position stays. One reply in which status and speed agree will do where
+    the stop was acknowledged.
+
+    Args:
+        reads: what may be asked, the most telling first.
+        rule: how it is seen to stand.
+    """
+
+    def __init__(self, reads: Sequence[Request], rule: StandstillRule) -> None:
+        self._reads = reads
+        self._still = Standstill(rule)
+
+    def ask(self, free: Callable[[Request], bool], now: float = 0.0) -> Request | None:
+        return next((request for request in self._reads if free(request)), None)
+
+    def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
+        seen = report(payload(reply))
+        self._still.see(sent_at, seen.position, seen.moving)
+        if seen.moving:
+            return False
+        stands = seen.position is not None and self._still.verdict is True
+        self.is_weak = not stands and seen.rpm is not None
+        return True if stands or self.is_weak else None

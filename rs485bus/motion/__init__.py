@@ -1,0 +1,1 @@
+"""What every axis does, of whatever family."""

@@ -1,0 +1,338 @@
+"""Carries out plans: each step with its repeat rule, a start exactly once. No error leaves the motor going."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import anyio
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.failure import failure
+from rs485bus.bus.handle import settle
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.errors import (
+    BusError,
+    DeviceOffline,
+    DeviceRefused,
+    DriveFault,
+    MotionError,
+    MotorStalled,
+    MoveFailed,
+    NoReply,
+    NotStanding,
+    OutcomeUnknown,
+    RequestFailed,
+)
+from rs485bus.motion.courses import is_speed
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.knowledge import AxisKnowledge
+from rs485bus.motion.move import Move
+from rs485bus.motion.plan import AnswersAgain, Ask, Ended, Know, MustStand, Pause, Plan, Stand, Start, Step
+from rs485bus.motion.state import Fact
+from rs485bus.motion.stop_control import StopControl
+from rs485bus.motion.supervisor import Supervisor
+
+T = TypeVar("T")
+
+_ATTEMPTS = 3
+_PATIENCE = 2.0
+"""Seconds in which a drive may answer again that did not say whether it took a move."""
+_ASK_AGAIN = 0.02
+_TOO_SHORT = 4
+"""A way of less than so many times what a standing axis may seem to move is not to be seen."""
+
+
+@dataclass(slots=True)
+class Task:
+    """A command that sets the axis in motion, as far as it has come."""
+
+    move: Move
+    start: int | None = None
+    """Where it begins, in counts."""
+    target: int | None = None
+    """Where it goes."""
+    rpm: float | None = None
+    """The speed that it is to have, for a run."""
+    before: float = 0.0
+    """The speed that it had, in rpm."""
+    slot: BurstSlot | None = None
+    """When its start is sent, if not at once."""
+    under_way: bool = False
+    """It only changes a move that is under way."""
+    begun: bool = False
+    """Its start was sent."""
+    ended: Callable[[Ended], Awaitable[None]] | None = None
+    """Waits for the end of a routine of the drive's own."""
+
+
+class _NotTaken(Exception):
+    """A start was lost on its way, as was seen."""
+
+    def __init__(self, unknown: OutcomeUnknown) -> None:
+        super().__init__(str(unknown))
+        self.unknown = unknown
+
+
+class PlanCarrier:
+    """Carries out the plans of one axis.
+
+    Args:
+        bus: the bus its drive is on.
+        drive: its drive.
+        axis: which one of the drive it is.
+        name: names it in messages.
+        knowledge: what is known of it.
+        stops: stops it.
+        supervisor: looks at it.
+        stumble: called when what it carries out is about to fail, before it is found out why.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        drive: Drive,
+        axis: int,
+        name: str,
+        knowledge: AxisKnowledge,
+        stops: StopControl,
+        supervisor: Supervisor,
+        stumble: Callable[[], None],
+    ) -> None:
+        self._bus = bus
+        self._drive = drive
+        self._axis = axis
+        self._name = name
+        self._knowledge = knowledge
+        self._state = knowledge.state
+        self._stops = stops
+        self._supervisor = supervisor
+        self._stumble = stumble
+
+    async def carry(self, make: Callable[[], Plan[T]], task: Task | None = None) -> T:
+        """Carry out a plan. Where its start is seen to have been lost, or it is not known whether the drive was told
+        all that comes before that, it is carried out once more from its beginning."""
+        lost = 0
+        while True:
+            try:
+                return await self._walk(make(), task)
+            except _NotTaken as not_taken:
+                assert task is not None
+                lost += 1
+                if lost == _ATTEMPTS:
+                    await self._give_up(not_taken.unknown, task)
+                    raise not_taken.unknown from None
+                task.slot = None  # only the first attempt goes out with the others
+            except BusError as error:
+                if task is None or task.begun or not isinstance(error, OutcomeUnknown):
+                    refused = isinstance(error, DeviceRefused)
+                    if task is not None and task.begun and not (task.under_way and refused):
+                        await self.stop_after(error)
+                    raise
+                lost += 1
+                if lost == _ATTEMPTS:
+                    raise MoveFailed(f"{self._name} could not be told its move: {error}") from error
+
+    async def stop_after(self, error: BusError, *, surely: bool = False) -> None:
+        """See that an axis stands whose command has failed; `surely` where it may start yet, though it stands.
+
+        Raises:
+            StopUnconfirmed: it was not seen standing.
+        """
+        self._stumble()
+        hard = isinstance(error, DriveFault | MotorStalled)
+        if not self._state.motion.may_move or self._stops.blocked or self._stops.is_stopping:
+            self._supervisor.leave(self._axis)
+        elif (hard or surely or not await self.is_seen_standing()) and self._bus.connected:
+            try:
+                await self._stops.stand_still(emergency=hard)
+            except MotionError as unconfirmed:
+                raise unconfirmed from error
+
+    async def is_seen_standing(self) -> bool:
+        """Whether the axis stands, once what was sent last would have set it in motion."""
+        state = self._state
+        settled = state.motion.commanded_at + self._drive.start_grace
+        self._supervisor.begin(self._axis)
+        try:
+            await anyio.sleep(max(0.0, settled - self._bus.now()))
+            stands = await self._knowledge.stands() and state.standstill.confirmed
+        except BusError:
+            stands = False
+        self._supervisor.leave(self._axis)
+        if not stands or state.standstill.until < settled or state.value(Fact.STALLED):
+            return False
+        state.stood()
+        return True
+
+    # Steps
+
+    async def _walk(self, plan: Plan[T], task: Task | None) -> T:
+        try:
+            step = next(plan)
+            while True:
+                try:
+                    outcome = await self._do(step, task)
+                except (RequestFailed, MotionError) as error:
+                    step = plan.throw(error)
+                else:
+                    step = plan.send(outcome)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        finally:
+            plan.close()
+
+    async def _do(self, step: Step, task: Task | None) -> Any:
+        """Carry out one step; what comes of it."""
+        if isinstance(step, Ask):
+            return await self._ask(step, task)
+        if isinstance(step, Know):
+            return await self._knowledge.know(step.facts, since=self._bus.now() if step.afresh else None)
+        if isinstance(step, Start):
+            assert task is not None
+            return await self._start(step, task)
+        if isinstance(step, Ended):
+            assert task is not None
+            assert task.ended is not None
+            return await task.ended(step)
+        if isinstance(step, Stand):
+            if task is not None:
+                task.before = 0.0
+            return await (self._stops.stand_still() if step.surely else self.have_it_stand())
+        if isinstance(step, MustStand):
+            return await self._check_standing(step)
+        if isinstance(step, AnswersAgain):
+            return await self._answers_again(step)
+        assert isinstance(step, Pause)
+        return await anyio.sleep(step.seconds)
+
+    async def have_it_stand(self) -> None:
+        """Stop it where it moves."""
+        if self._state.motion.may_move or not await self._knowledge.stands():
+            await self._stops.stand_still()
+
+    async def _check_standing(self, step: MustStand) -> None:
+        if not await self._knowledge.stands():
+            raise NotStanding(
+                f"{self._name} turns, and must stand for this: {step.what}. stop() it first. Nothing was sent."
+            )
+
+    async def _ask(self, step: Ask, task: Task | None) -> bytes:
+        if step.insist:
+            # The bus' own: a drive that answers nothing is taken for offline, and others are not sent.
+            ended: asyncio.Future[Job] = asyncio.get_running_loop().create_future()
+            job = Job(step.request, repeat=step.repeat, internal=True, on_end=lambda job: settle(ended, job))
+            self._bus.submit(job)
+            if (await asyncio.shield(ended)).outcome is not Outcome.REPLY:
+                raise failure(job, self._bus.flight)
+            return job.reply
+        return await self._bus.ask(
+            step.request,
+            repeat=step.repeat,
+            reply_timeout=step.reply_timeout,
+            motion=self._state.motion if task is not None else None,
+        )
+
+    async def _answers_again(self, step: AnswersAgain) -> bool:
+        late, answers = self._bus.now() + step.timeout, 0
+        await anyio.sleep(step.pause)
+        while answers < 2:
+            try:
+                answers = answers + 1 if step.ready(await self._bus.ask(step.request)) else 0
+            except (NoReply, DeviceOffline):
+                answers = 0
+            if self._bus.now() > late:
+                return False
+            await anyio.sleep(step.pause)
+        return True
+
+    # Starts
+
+    async def _start(self, step: Start, task: Task) -> bytes:
+        """Send the start, and know whether the drive took it."""
+        state, move = self._state, task.move
+        state.ramp_stop, state.ramp_takes = step.stop, step.stopping
+        self._supervisor.begin(self._axis)
+        task.begun = True
+        move.started_at = self._bus.now()
+        try:
+            return await self._bus.ask(
+                step.request, repeat=step.repeat, moves=True, motion=state.motion, slot=task.slot
+            )
+        except OutcomeUnknown as unknown:
+            await self._settle(step, task, unknown)
+            return b""
+        finally:
+            move.started_at = max(move.started_at, state.motion.commanded_at)
+
+    async def _settle(self, step: Start, task: Task, unknown: OutcomeUnknown) -> None:
+        """See whether a start was taken whose answer was lost. Raises `_NotTaken` if it was not."""
+        state = self._state
+        try:
+            await self._ask_after(step, task)
+            taken = self._was_taken(step, task)
+        except RequestFailed as error:
+            if isinstance(error, NoReply | DeviceOffline) and not self._drive.tells_restarts:
+                state.suspect("its drive did not say whether it took its last move, and may have restarted.")
+            if task.start is not None:
+                state.between = (task.start, task.target)
+            await self._stops.block(f"nobody knows whether {task.move.what} started ({unknown})")
+            raise unknown from None
+        if not taken:
+            raise _NotTaken(unknown) from None
+
+    async def _ask_after(self, step: Start, task: Task) -> None:
+        """Ask for all that shows whether a start was taken, once it has had its time to show."""
+        state = self._state
+        speed = () if task.rpm is None else (Fact.SPEED,)
+        await anyio.sleep(max(0.0, state.motion.commanded_at + self._drive.start_grace - self._bus.now()))
+        patience = self._bus.now() + _PATIENCE
+        while True:
+            try:
+                facts = (*self._drive.marks(self._axis), *step.signs, *speed)
+                await self._knowledge.know(facts, since=state.motion.commanded_at)
+                await self._knowledge.stands()
+                return
+            except NoReply:
+                # A drive that restarts is away for a moment; what it says then tells that it did.
+                if self._bus.now() > patience:
+                    raise
+                await anyio.sleep(_ASK_AGAIN)
+
+    def _was_taken(self, step: Start, task: Task) -> bool:
+        """Whether what was asked shows that a start was taken.
+
+        Raises:
+            ReferenceLost: the drive has restarted.
+            OutcomeUnknown: nobody can tell, and it must not be said again.
+        """
+        state, lost = self._state, self._state.lost
+        self._knowledge.notice_restart()
+        gone = 0 if task.start is None else state.rule.moved(task.start, state.value(Fact.POSITION))
+        if task.before and gone * task.before < 0 and abs(gone) > state.jump:
+            state.suspect("it is behind where it turned: the drive may have restarted.")
+        if state.lost and (state.lost != lost or task.target is not None):
+            self._knowledge.check_reference()
+        if step.taken is not None and step.taken():
+            return True
+        if task.rpm == 0:
+            return state.stands is True
+        if not state.stands:
+            return is_speed(state.value(Fact.SPEED), task.rpm) if task.before and task.rpm else not task.under_way
+        if task.before or task.under_way:
+            raise OutcomeUnknown(f"{self._name} stands, though it turned when it was told something else.")
+        short = task.target is not None and abs(task.target - (task.start or 0)) <= _TOO_SHORT * state.rule.same
+        if step.once and short:
+            raise OutcomeUnknown(f"{self._name}: a move so short is not to be seen in its position.")
+        return task.start is not None and abs(gone) > state.rule.same
+
+    async def _give_up(self, unknown: OutcomeUnknown, task: Task) -> None:
+        """A start was lost again and again."""
+        if task.before or task.under_way:
+            await self._stops.block(f"nobody knows what it does now ({unknown})")
+        else:
+            await self.stop_after(unknown)

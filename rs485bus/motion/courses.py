@@ -1,0 +1,424 @@
+"""What an axis was told to do, and whether it does that. Pure.
+
+A course is judged by the state of the axis after every reply, and says when it wants to know what next. It does not
+find out why something is wrong; that is asked then (`diagnosis`).
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from rs485bus.motion.profile import Profile, RunProfile
+from rs485bus.motion.standstill import NEVER
+from rs485bus.motion.state import AxisState, Fact
+
+_SEEN_TO_STAND = 1.0
+"""Seconds for which one that is where it should be is looked at, to see it stand."""
+SETTLING = 0.3
+"""Seconds in which an axis that has arrived may come nearer to its target."""
+_FOREVER = float("inf")
+_SHOWS = 10
+"""An axis that should have gone this many times as far as a standing one may seem to go, and did not, is held up."""
+_CLOSE_RPM, _CLOSE = 2.0, 0.03
+"""By how much a speed may differ from the one that was told: in rpm, or as a part of it."""
+_LOOK_AGAIN, _LOOK_SOON = 0.05, 0.01
+_HOMING_LOOK = 0.1
+_SAYS_NOTHING = 1.0
+"""Seconds for which the position must stay where the status goes on saying that it moves, and nobody knows why."""
+
+
+def is_speed(measured: float, rpm: float) -> bool:
+    """Whether a speed is the one that was told."""
+    return abs(measured - rpm) <= max(_CLOSE_RPM, _CLOSE * abs(rpm))
+
+
+class Verdict(enum.Enum):
+    """What becomes of a course."""
+
+    GOES_ON = enum.auto()
+    REACHED = enum.auto()
+    """Its speed is reached; it goes on."""
+    DONE = enum.auto()
+    DOUBTFUL = enum.auto()
+    """Something is wrong. It is to be found out what."""
+    OVERDUE = enum.auto()
+    """It takes too long."""
+    SILENT = enum.auto()
+    """The drive does not answer any more."""
+
+
+class Course(ABC):
+    """What an axis was told to do.
+
+    Args:
+        what: names it in messages.
+        state: what is known of the axis.
+        started_at: when its first frame was sent.
+        grace: seconds within which the axis may stand though it was told to start.
+    """
+
+    interval = _FOREVER
+    """Seconds between two looks, where others depend on the axis."""
+    keeps = False
+    """It goes on until something ends it: nobody waits for its end."""
+    facts: tuple[Fact, ...] = ()
+    """What it may want to know beside what every axis is asked that moves."""
+
+    def __init__(self, what: str, state: AxisState, started_at: float, grace: float) -> None:
+        self.what = what
+        self.state = state
+        self.started_at = started_at
+        self.begun_at = started_at + grace
+        self._lost = state.lost
+        self._stalled = state.last(Fact.STALLED).value is True
+        """It reported a stall before: that it still does is no news."""
+        self._limit = state.last(Fact.LIMIT).value
+        """The limit at which it began: that it is still there is no news."""
+
+    def judge(self) -> Verdict:
+        """What becomes of it, by what is known now."""
+        if self._is_troubled():
+            return Verdict.DOUBTFUL
+        return self._judge()
+
+    @abstractmethod
+    def _judge(self) -> Verdict:
+        """The same, where neither the drive nor its position says that something is wrong."""
+
+    def due(self, fact: Fact) -> float:
+        """When a fact is to be asked for, beside what is asked of every axis that moves."""
+        return _FOREVER
+
+    @property
+    def between(self) -> tuple[int, int | None]:
+        """From where to where the axis goes, in counts; None where that has no known end."""
+        return self.state.last(Fact.POSITION).value or 0, None
+
+    def place(self) -> str:
+        """Where the axis stands, for messages."""
+        return "has stopped"
+
+    def _is_troubled(self) -> bool:
+        """Whether something is wrong, by what the drive says, or by its position."""
+        state = self.state
+        return bool(
+            state.lost != self._lost
+            or state.value(Fact.FAULT)
+            or (state.value(Fact.STALLED) and not self._stalled and state.stands is not False)
+            or state.value(Fact.ENABLED) is False
+            or self._is_at_a_limit()
+        )
+
+    def _is_at_a_limit(self) -> bool:
+        """Whether it has come to a limit since it began."""
+        limit = self.state.value(Fact.LIMIT)
+        if not limit:
+            self._limit = limit
+        return bool(limit) and limit != self._limit
+
+    @property
+    def _stands(self) -> bool:
+        """Whether it stands, though it had the time to start."""
+        return self.state.stands is True and self.state.standstill.until >= self.begun_at
+
+    def _is_overdue(self, deadline: float) -> bool:
+        """Whether it was asked after a time and had not ended. That an answer takes long says nothing."""
+        return max(self.state.known(Fact.POSITION).at, self.state.known(Fact.RUNNING).at) > deadline
+
+    def _is_held_up(self, turns_after: Callable[[float], float], counts_per_turn: int) -> bool:
+        """Whether it does not move though it should have."""
+        still = self.state.standstill
+        ways = [
+            abs(turns_after(still.until - late) - turns_after(still.since - late))
+            for late in (self.started_at, self.begun_at)
+        ]
+        return still.unmoved > 0 and min(ways) * counts_per_turn > _SHOWS * self.state.rule.same
+
+    def _due_at_end(self, fact: Fact, end: float, pause: float) -> float:
+        """When to ask for a fact, to see the axis stand soon after a time."""
+        still, rule = self.state.standstill, self.state.rule
+        asked = self.state.known(Fact.POSITION).at
+        if fact is Fact.POSITION:
+            if asked < end:
+                return end
+            settles = still.unmoved > 0 or still.confirmed
+            return max(asked + _LOOK_SOON / 2, still.since + rule.apart) if settles else asked + pause
+        if fact is Fact.RUNNING and asked >= end and not still.confirmed:
+            return max(still.since, self.state.known(Fact.RUNNING).at + _LOOK_SOON / 2)
+        return _FOREVER
+
+
+class MoveCourse(Course):
+    """A move to a target.
+
+    Args:
+        start: where it began, in counts.
+        target: where it goes.
+        tolerance: counts by which the axis may differ from it in the end.
+        profile: how it goes.
+        counts_per_turn: of the axis.
+        proof: what must be asked before it counts as arrived, because a restart could look like that.
+        others as for `Course`.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        state: AxisState,
+        started_at: float,
+        grace: float,
+        *,
+        start: int,
+        target: int,
+        tolerance: int,
+        profile: Profile,
+        counts_per_turn: int,
+        proof: tuple[Fact, ...] = (),
+    ) -> None:
+        super().__init__(what, state, started_at, grace)
+        self.start = start
+        self.target = target
+        self.tolerance = tolerance
+        self.profile: Profile | None = profile
+        self.proof = self.facts = proof
+        self._furthest = 0.0
+        """How far it has gone, in counts."""
+        self._counts_per_turn = counts_per_turn
+        self.change(target, started_at + profile.duration, profile)
+
+    def change(self, target: int, eta: float, profile: Profile | None) -> None:
+        """It goes elsewhere now, and should be there at a time; by no known profile, perhaps."""
+        self.target = target
+        self.eta = eta
+        self.profile = profile
+        self.deadline = 2 * eta - self.started_at + 1
+        self._pause = min(max((eta - self.started_at) / 50, _LOOK_SOON), _LOOK_AGAIN)
+
+    @property
+    def between(self) -> tuple[int, int | None]:
+        return super().between[0], self.target
+
+    def place(self) -> str:
+        deviation = abs(self.state.rule.moved(self.state.last(Fact.POSITION).value, self.target))
+        return f"stands {deviation} {self.state.unit} short of where it was sent"
+
+    @property
+    def deviation(self) -> int | None:
+        """How far it is from its target, in counts, by what was asked since it was started."""
+        known = self.state.known(Fact.POSITION)
+        return None if known.value is None or known.at < self.started_at else abs(self._way(known.value, self.target))
+
+    def _judge(self) -> Verdict:
+        deviation = self.deviation
+        if deviation is None:
+            return self._in_time()
+        arrived = deviation <= self.tolerance and self._has_moved()
+        if arrived:
+            stands = self.state.stands and self.state.since(self.started_at, self.proof)
+            return Verdict.DONE if stands else self._in_time(_SEEN_TO_STAND)
+        if self._is_backwards():
+            self.state.suspect("its position jumped back: the drive may have restarted.")
+            return Verdict.DOUBTFUL
+        if self._stands:
+            near = deviation <= self.state.jump
+            settles = near and self.state.standstill.unmoved < SETTLING
+            return self._in_time() if settles else Verdict.DOUBTFUL
+        if self.profile is not None and self._is_held_up(self.profile.turns_after, self._counts_per_turn):
+            return Verdict.DOUBTFUL
+        return self._in_time()
+
+    def due(self, fact: Fact) -> float:
+        deviation = self.deviation
+        if fact is Fact.POSITION and deviation is None:
+            return min(self.begun_at, self.eta)
+        near = deviation is not None and deviation <= max(self.tolerance, self.state.jump)
+        if fact is Fact.POSITION and near and not self._has_moved():
+            return self.begun_at  # it may have to start yet
+        if fact in self.proof and near and self.state.known(fact).at < self.started_at:
+            return NEVER
+        asked = self.state.known(Fact.POSITION).at
+        return self._due_at_end(fact, min(self.eta, asked) if near else self.eta, self._pause)
+
+    def _is_at_a_limit(self) -> bool:
+        # It may have been sent just there.
+        arrives = self.deviation is not None and self.deviation <= self.tolerance
+        return super()._is_at_a_limit() and not arrives
+
+    def _in_time(self, longer: float = 0.0) -> Verdict:
+        return Verdict.OVERDUE if self._is_overdue(self.deadline + longer) else Verdict.GOES_ON
+
+    def _has_moved(self) -> bool:
+        """Whether it can be seen that it has gone some of its way, or had the time for a way that cannot be seen."""
+        way = self._way(self.start, self.target)
+        gone = self._way(self.start, self.state.value(Fact.POSITION))
+        if gone * way > 0 and abs(gone) > self.state.rule.same:
+            return True
+        shown = abs(way) > 2 * self.state.rule.same
+        return not shown and self.state.standstill.until >= self.begun_at
+
+    def _is_backwards(self) -> bool:
+        """Whether it is further from its target than it was, or than where it began."""
+        if self.profile is None:
+            return False
+        way = self._way(self.start, self.target)
+        gone = math.copysign(1, way) * self._way(self.start, self.state.value(Fact.POSITION))
+        self._furthest = max(self._furthest, gone)
+        return gone < self._furthest - self.state.jump
+
+    def _way(self, start: int, end: int) -> int:
+        return self.state.rule.moved(start, end)
+
+
+class RunCourse(Course):
+    """A speed, perhaps for a time.
+
+    Args:
+        start: where it began, in counts; None if that is not known.
+        profile: how it goes.
+        counts_per_turn: of the axis.
+        others as for `Course`.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        state: AxisState,
+        started_at: float,
+        grace: float,
+        *,
+        profile: RunProfile,
+        counts_per_turn: int,
+    ) -> None:
+        super().__init__(what, state, started_at, grace)
+        self.profile = profile
+        self.keeps = profile.rpm != 0 and profile.duration is None
+        self._counts_per_turn = counts_per_turn
+        self._reached = not self.keeps
+        self.eta = started_at + (profile.ramp if self.keeps else profile.ends_after)
+        self.deadline = started_at + 2 * profile.ramp + 1 + (profile.duration or 0.0)
+
+    def place(self) -> str:
+        return f"has stopped during its {self.what}"
+
+    def _judge(self) -> Verdict:
+        if self.profile.rpm == 0:
+            return Verdict.DONE if self._stands else self._in_time()
+        if self.keeps and self.state.stopped_at > self.started_at:
+            return Verdict.DONE if self._stands else Verdict.GOES_ON  # somebody has stopped it by a frame of this bus
+        if self._is_held_up(self.profile.turns_after, self._counts_per_turn):
+            return Verdict.DOUBTFUL
+        if not self.keeps:
+            over = self.state.standstill.until >= self.eta
+            return Verdict.DONE if self._stands and over else self._in_time()
+        if not self._reached and self._has_speed():
+            self._reached = True
+            return Verdict.REACHED
+        return Verdict.GOES_ON if self._reached else self._in_time()
+
+    def due(self, fact: Fact) -> float:
+        if self.keeps and self.state.stopped_at > self.started_at:
+            return self._due_at_end(fact, self.state.stopped_at, _LOOK_AGAIN)
+        if not self.keeps:
+            return self._due_at_end(fact, max(self.eta, self.begun_at), _LOOK_AGAIN / 2)
+        if fact is Fact.SPEED and not self._reached:
+            asked = self.state.known(Fact.SPEED).at
+            return self.eta if asked < self.eta else asked + _LOOK_AGAIN
+        return _FOREVER
+
+    def _in_time(self) -> Verdict:
+        return Verdict.OVERDUE if self._is_overdue(self.deadline) else Verdict.GOES_ON
+
+    def _has_speed(self) -> bool:
+        speed = self.state.known(Fact.SPEED)
+        return speed.value is not None and speed.at >= self.started_at and is_speed(speed.value, self.profile.rpm)
+
+
+class HomingCourse(Course):
+    """A search for an origin, which the drive makes by itself.
+
+    Args:
+        done: whether it has found what it looked for, asked when the axis stands; None if that cannot be told yet.
+        watch: what that depends on.
+        timeout: seconds that it may take.
+        others as for `Course`.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        state: AxisState,
+        started_at: float,
+        grace: float,
+        *,
+        done: Callable[[], bool | None],
+        watch: tuple[Fact, ...],
+        timeout: float,
+    ) -> None:
+        super().__init__(what, state, started_at, grace)
+        self._done = done
+        self._watch = self.facts = watch
+        self._deadline = started_at + timeout
+
+    def _is_troubled(self) -> bool:
+        # It may push against a stop, and counts anew when it is there.
+        return bool(self.state.value(Fact.FAULT))
+
+    def _judge(self) -> Verdict:
+        still = self.state.standstill
+        if self._stands and self.state.since(still.since, self._watch) and self._done() is not None:
+            return Verdict.DONE
+        return Verdict.OVERDUE if self._is_overdue(self._deadline) else Verdict.GOES_ON
+
+    def due(self, fact: Fact) -> float:
+        still, known = self.state.standstill, self.state.known(fact)
+        says_so = self.state.value(Fact.RUNNING) is False
+        if fact is Fact.RUNNING:
+            pause = _LOOK_SOON if says_so and not still.confirmed else _HOMING_LOOK
+            return max(self.begun_at, known.at + pause)
+        if not says_so and not self.state.stands:
+            return _FOREVER
+        if fact is Fact.POSITION:
+            pause = _LOOK_AGAIN if self.state.stands else self.state.rule.apart
+            return max(self.begun_at, known.at + pause)
+        if fact in self._watch and self.state.stands:
+            return max(still.since, known.at + _LOOK_AGAIN) if known.at >= still.since else NEVER
+        return _FOREVER
+
+
+class ForeignCourse(Course):
+    """A motion that nobody waits for: one that somebody else began, or a torque that is kept.
+
+    Args:
+        kept: it may move again though it stands.
+        others as for `Course`.
+    """
+
+    def __init__(self, what: str, state: AxisState, started_at: float, grace: float, *, kept: bool = False) -> None:
+        super().__init__(what, state, started_at, grace)
+        self.keeps = kept
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether somebody else has seen it stand."""
+        return not self.keeps and not self.state.motion.may_move
+
+    def _is_troubled(self) -> bool:
+        if self.keeps:
+            return super()._is_troubled()
+        return bool(self.state.value(Fact.FAULT)) or self._is_at_a_limit()
+
+    def _judge(self) -> Verdict:
+        still = self.state.standstill
+        if self.keeps or not self._stands:
+            return Verdict.GOES_ON
+        if not still.confirmed and self.state.value(Fact.STALLED):
+            return Verdict.DOUBTFUL  # it pushes, and would go on when what holds it lets go
+        return Verdict.DONE if still.confirmed or still.unmoved >= _SAYS_NOTHING else Verdict.GOES_ON
+
+    def due(self, fact: Fact) -> float:
+        if self.keeps or self.state.stands is False:
+            return _FOREVER
+        return self._due_at_end(fact, self.begun_at, _LOOK_AGAIN)

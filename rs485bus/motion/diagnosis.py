@@ -1,0 +1,60 @@
+"""Why an axis does not do what it was told, from what its drive reports. Pure."""
+
+from __future__ import annotations
+
+from rs485bus.errors import (
+    DriveFault,
+    LimitReached,
+    MotionError,
+    MotorStalled,
+    MoveFailed,
+    NotEnabled,
+    ReferenceLost,
+)
+from rs485bus.motion.courses import Course, MoveCourse
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.state import Fact
+
+LOST = "home() it or set_zero() first."
+
+
+def wanted(drive: Drive, axis: int) -> tuple[Fact, ...]:
+    """What must be known to tell."""
+    facts = (Fact.POSITION, Fact.RUNNING, *drive.causes, *drive.marks(axis))
+    return drive.tells(*dict.fromkeys(facts))
+
+
+def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = "") -> MotionError:
+    """What is wrong with an axis. All that is `wanted` was asked since something was. `cause` is a sentence about what
+    may have stopped it beside what the drive tells."""
+    state = drive.state.axes[axis]
+    place = f"{name} {course.place()}"
+    fault = state.value(Fact.FAULT)
+    if fault:
+        return DriveFault(f"{place}: the drive reports {fault}.")
+    if state.value(Fact.STALLED):
+        return MotorStalled(f"{place}: the drive reports a stall. {drive.stall_remedy}")
+    if state.lost:
+        return ReferenceLost(f"{place}: {state.lost} {LOST}")
+    if state.value(Fact.ENABLED) is False:
+        return NotEnabled(f"{place}: its motor is not enabled any more, and nobody disabled it. enable() it.")
+    limit = state.value(Fact.LIMIT)
+    if limit:
+        at_zero = ", at zero" if abs(state.last(Fact.POSITION).value) <= state.jump else ""
+        return LimitReached(f"{place}{at_zero}, {limit}. Move it off the limit the other way.")
+    if state.stands and not state.standstill.confirmed:
+        return MotorStalled(
+            f"{place}, and its drive says that it moves: something holds the shaft. It was stopped, lest it goes on "
+            f"when that lets go. {drive.stall_remedy}"
+        )
+    return MoveFailed(f"{place}{_near_miss(course)}. {drive.what_else(axis)} {cause}".rstrip())
+
+
+def _near_miss(course: Course) -> str:
+    """What to do where an axis stands but a little off its target."""
+    if not isinstance(course, MoveCourse) or course.deviation is None or course.deviation > course.state.jump:
+        return ""
+    return (
+        f", which is more than its tolerance of {course.tolerance}. Where a load holds it off, make the axis with a "
+        f"greater one: tolerance={2 * course.deviation}"
+    )

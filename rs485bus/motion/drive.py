@@ -1,0 +1,306 @@
+"""The extension point: what a family says of its drive. Pure, and data where that is possible.
+
+A family says what its drive can be asked and what that tells (`Reading`), what the frames written to it can change
+(`Effect`), by which steps it is told what (`Plan`), what it can be told at all (`Ability`), and what the owner of the
+wire must know of it (`DeviceAdapter`). It neither waits nor repeats nor decides: that is done here, for all families.
+"""
+
+from __future__ import annotations
+
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
+from rs485bus.bus.units.motion import Motion
+from rs485bus.errors import NotSupported
+from rs485bus.motion.parameters import MotionParameters
+from rs485bus.motion.plan import Plan, nothing
+from rs485bus.motion.standstill import Standstill
+from rs485bus.motion.state import MOTION, AxisState, DriveState, Fact, Facts
+from rs485bus.wire.frames import Request, payload
+
+_log = logging.getLogger("rs485bus")
+
+_OVERSHOOT = 1.25
+"""By how much a motor may be faster for a while than it was told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Something that a drive can be asked without any effect.
+
+    Args:
+        request: the read.
+        tells: the facts that it tells.
+        decode: what its data bytes tell of each axis. What they say that no manual names is not told.
+    """
+
+    request: Request
+    tells: frozenset[Fact]
+    decode: Callable[[bytes], Sequence[Facts]]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a frame can do to one axis."""
+
+    changes: frozenset[Fact] = frozenset()
+    fastest: float | None = None
+    """The speed, in rpm, up to which it sets the axis in motion; None if it does not."""
+    stops: bool = False
+    """It stops the axis."""
+    shifts: bool = False
+    """The axis is elsewhere afterwards, by its counts: where it stood is no evidence any more."""
+    holds: bool | None = None
+    """It has the motor hold the shaft, or let go of it; None if it leaves that alone."""
+    restarts: str = ""
+    """The drive restarts: why positions are not to be trusted then."""
+
+
+NO_EFFECT = Effect()
+STOPS = Effect(MOTION, stops=True)
+
+
+class Ability(ABC):
+    """What one axis of a drive can be told."""
+
+    counts_per_turn: int
+
+    @property
+    @abstractmethod
+    def target_range(self) -> tuple[int, int]:
+        """The lowest and highest absolute target, in counts."""
+
+    @property
+    def reach(self) -> tuple[int, int]:
+        """The same for a move by a distance, where the drive can go further so."""
+        return self.target_range
+
+    @property
+    @abstractmethod
+    def fastest(self) -> tuple[float, str]:
+        """The highest speed, in rpm, and what makes it that."""
+
+    @property
+    def highest_rpm(self) -> float:
+        """The highest speed of moves to a position."""
+        return self.fastest[0]
+
+    @property
+    def rpm_step(self) -> float:
+        """The step in which speeds of moves to a position can be told, in rpm."""
+        return 1.0
+
+    @abstractmethod
+    def lowest_acceleration(self, rpm: float) -> float:
+        """The slowest ramp to a speed, in rpm/s."""
+
+    @abstractmethod
+    def parameters(self, rpm: float, acceleration: float) -> MotionParameters:
+        """The nearest that the drive can be told to a speed in its range, and to an acceleration.
+
+        Raises:
+            LimitExceeded: it cannot accelerate like that.
+        """
+
+    def position_parameters(self, rpm: float, acceleration: float) -> MotionParameters:
+        """The same for a move to a position."""
+        return self.parameters(rpm, acceleration)
+
+    @abstractmethod
+    def ticks(self, duration: float) -> int:
+        """How a duration, in seconds, is said to the drive. Raises `LimitExceeded`."""
+
+
+class Drive(DeviceAdapter):
+    """One drive of a family.
+
+    Args:
+        name: names it in messages.
+        address: on its pair.
+        axes: what is known of each of its axes.
+        motion: the whole of it, where it has several axes.
+    """
+
+    telling: tuple[Fact, ...] = (Fact.POSITION,)
+    """What shows soonest that something is wrong with a moving axis: asked every interval of supervision."""
+    rotation: tuple[Fact, ...] = ()
+    """What is asked in turns beside that."""
+    causes: tuple[Fact, ...] = (Fact.FAULT, Fact.STALLED, Fact.ENABLED, Fact.LIMIT)
+    """What is asked at once when something is wrong, to find out why."""
+    knows_counts = True
+    """It is known how the drive counts. Else `set_up` finds that out, before positions mean anything."""
+    tells_restarts = False
+    """What it says afterwards shows every restart: one that was not heard for a while need not be suspected of it."""
+    stall_remedy = ""
+    """What to do about a stall, in a sentence."""
+
+    def __init__(self, name: str, address: int, axes: tuple[AxisState, ...], motion: Motion | None = None) -> None:
+        self.name = name
+        self.address = address
+        self.state = DriveState(axes)
+        self.motion = motion or axes[0].motion
+        self.on_interrupted: Callable[[float, str], None] = lambda unheard, reason: None
+        """Called when the bus stopped it for safety, or lost it."""
+        self.on_recounted: Callable[[], None] = lambda: None
+        """Called when it is found out that it counts otherwise than was known."""
+        self._by_frame = {reading.request.adu: reading for reading in self.readings}
+
+    # Telemetry
+
+    @property
+    @abstractmethod
+    def readings(self) -> Sequence[Reading]:
+        """What it can be asked. Of several that tell a fact the first is preferred."""
+
+    def reading(self, fact: Fact, free: Callable[[Request], bool] = lambda _: True) -> Reading | None:
+        """What to ask for a fact, of what is `free` to be asked; None if it tells that in no way now."""
+        return next((reading for reading in self.readings if fact in reading.tells and free(reading.request)), None)
+
+    def tells(self, *facts: Fact) -> tuple[Fact, ...]:
+        """Those of the facts that this drive tells."""
+        return tuple(fact for fact in facts if any(fact in reading.tells for reading in self.readings))
+
+    def decode(self, request: Request, reply: bytes) -> Sequence[Facts]:
+        """What the reply to a request tells of each axis, if it tells anything."""
+        reading = self._by_frame.get(request.adu)
+        return () if reading is None else reading.decode(payload(reply))
+
+    def effects(self, request: Request) -> Sequence[Effect]:
+        """What a write can do to each axis."""
+        return ()
+
+    def marks(self, axis: int) -> tuple[Fact, ...]:
+        """What a restart would change, by which it is noticed."""
+        return self.tells(Fact.POSITION, Fact.ENABLED, Fact.MARK)
+
+    def restarted(self, axis: int) -> str:
+        """Why it must have restarted, by these facts; empty if it need not have."""
+        return ""
+
+    def what_else(self, axis: int) -> str:
+        """What may have stopped the axis where the drive reports nothing, in a sentence."""
+        return "Another master, or an input, may have stopped it."
+
+    # Plans
+
+    def set_up(self) -> Plan[None]:
+        """Read and write what must be known and right before anything else. Asked before each command."""
+        return nothing()
+
+    @abstractmethod
+    def enable(self, axis: int) -> Plan[None]:
+        """Energise the motor. Raises `NotEnabled`, `DriveFault` where it cannot be."""
+
+    @abstractmethod
+    def disable(self, axis: int) -> Plan[None]:
+        """Let go of the motor."""
+
+    @abstractmethod
+    def zero(self, axis: int) -> Plan[None]:
+        """Make the position at which it stands the drive's zero."""
+
+    @abstractmethod
+    def move(self, axis: int, target: int, parameters: MotionParameters) -> Plan[None]:
+        """Go to a target, in counts. Its last step is the start."""
+
+    @abstractmethod
+    def run(self, axis: int, rpm: float, parameters: MotionParameters, ticks: int | None) -> Plan[None]:
+        """Change to a speed, in the drive's direction, perhaps for a time. Its last step is the start."""
+
+    def retarget(self, axis: int, target: int, parameters: MotionParameters, speed: float) -> Plan[None]:
+        """Send a move under way, which has this speed in rpm, elsewhere. Its last step is the start."""
+        raise NotSupported(f"{self.name} cannot be sent elsewhere while it moves: stop() it first.")
+
+    @abstractmethod
+    def start_frame(self, axis: int, target: int, parameters: MotionParameters) -> Request:
+        """The frame by which such a move starts."""
+
+    @abstractmethod
+    def ability(self, axis: int) -> Ability:
+        """What the axis can be told."""
+
+    # As the owner of the wire sees it
+
+    @abstractmethod
+    def slows_down_for(self, emergency: bool) -> float:
+        """Seconds that may pass between a stop frame and standing."""
+
+    def stopping_time(self, emergency: bool) -> float:
+        # It takes a while to see it stand, too.
+        return self.slows_down_for(emergency) + max(axis.rule.apart for axis in self.state.axes)
+
+    def judgement(self, motion: Motion) -> StandstillDetector:
+        whole = motion is self.motion
+        return _StopJudge(self, [at for at, axis in enumerate(self.state.axes) if whole or axis.motion is motion])
+
+    def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
+        try:
+            self.state.hear(asked_at, now, () if request.writes else self.decode(request, reply))
+        except Exception:
+            _log.exception("%s: what was told of it by %s could not be understood", self.name, reply.hex(" "))
+
+    def on_sent(self, request: Request, at: float) -> None:
+        for number, effect in enumerate(self.effects(request)):
+            self._take_effect(number, effect, at)
+        self.state.tell()
+
+    def interrupted(self, unheard: float, reason: str) -> None:
+        self.on_interrupted(unheard, reason)
+
+    def _take_effect(self, number: int, effect: Effect, at: float) -> None:
+        axis = self.state.axes[number]
+        axis.change(effect.changes, at)
+        if effect.fastest is not None:
+            axis.start(_OVERSHOOT * effect.fastest / 60 * self.ability(number).counts_per_turn)
+        if effect.stops:
+            axis.stopped_at = at
+        if effect.shifts:
+            axis.stood_at = None
+        if effect.holds is not None:
+            axis.holds = effect.holds
+        if effect.restarts:
+            axis.stood_at = axis.holds = None
+            axis.lost = effect.restarts
+
+
+class _StopJudge(StandstillDetector):
+    """Tells whether some axes of a drive stand, by what is asked after a stop."""
+
+    def __init__(self, drive: Drive, axes: Sequence[int]) -> None:
+        self._drive = drive
+        self._still = {axis: Standstill(drive.state.axes[axis].rule) for axis in axes}
+        self._status_last = False
+        """The status was asked for last."""
+
+    def stop_sent(self) -> None:
+        self._status_last = False
+
+    def ask(self, free: Callable[[Request], bool]) -> Request | None:
+        says_so = all(still.says_so for still in self._still.values())
+        self._status_last = not self._status_last and not says_so
+        running, position = (self._drive.reading(fact, free) for fact in (Fact.RUNNING, Fact.POSITION))
+        if self._status_last and running is not None:
+            return running.request
+        if position is not None:
+            return position.request
+        # The answer to another one shows that what is owed does not come any more.
+        others = (request for request in reversed(self._drive.reads()) if free(request))
+        return next(others, None)
+
+    def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
+        told, moves = self._drive.decode(request, reply), False
+        for axis, still in self._still.items():
+            facts = told[axis] if axis < len(told) else {}
+            still.see(sent_at, facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED))
+            moves = moves or facts.get(Fact.RUNNING) is True
+        verdicts = [still.verdict for still in self._still.values()]
+        if False in verdicts:
+            return False
+        says_so = all(facts.get(Fact.RUNNING) is False for facts in told) and len(told) >= len(self._still)
+        self.by_status_alone = None in verdicts and says_so
+        if None in verdicts and not self.by_status_alone:
+            return False if moves else None
+        return True

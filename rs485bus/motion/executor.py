@@ -1,0 +1,446 @@
+"""Carries out the commands of one axis, each once. What families differ in is in their plans."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+import anyio
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle
+from rs485bus.bus.watchdog.guard import admit_and_arm
+from rs485bus.errors import (
+    DriveFault,
+    LimitReached,
+    MotionError,
+    MoveCancelled,
+    MoveFailed,
+    NoReply,
+    NotEnabled,
+    OutcomeUnknown,
+    RearmRequired,
+    RequestFailed,
+)
+from rs485bus.motion.carrier import PlanCarrier, Task
+from rs485bus.motion.courses import Course, HomingCourse, MoveCourse, RunCourse, Verdict
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.group.member import GroupMemberMove
+from rs485bus.motion.knowledge import AxisKnowledge
+from rs485bus.motion.move import Move, MoveState
+from rs485bus.motion.parameters import MotionParameters
+from rs485bus.motion.plan import Ended, Plan
+from rs485bus.motion.profile import RunProfile, seconds_to
+from rs485bus.motion.state import FRESH, Fact
+from rs485bus.motion.stop_control import StopControl
+from rs485bus.motion.supervisor import Supervisor, Told
+
+_WATCH = 0.06
+"""Seconds between two looks at an axis on which others depend."""
+_WAY, _WAY_TIME = 0.05, 0.1
+"""By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Where a move under way is to go instead."""
+
+    handle: Handle[None]
+    position: float
+    """In the axis' units."""
+    target: int
+    parameters: MotionParameters
+
+
+class MoveExecutor:
+    """Carries out commands.
+
+    Args:
+        bus: the bus its drive is on.
+        drive: its drive.
+        axis: which one of the drive it is.
+        name: names it in messages.
+        stops: stops it.
+        supervisor: looks at it.
+    """
+
+    def __init__(
+        self, bus: Bus, drive: Drive, axis: int, name: str, stops: StopControl, supervisor: Supervisor
+    ) -> None:
+        self.tolerance = 0
+        """Counts by which it may differ from its target when it has arrived."""
+        self.commanded: int | None = None
+        """The target of the last move, if that was reached and nothing has happened since."""
+        self.changeable: Move | None = None
+        """The move under way, where it can be sent elsewhere."""
+        self.knowledge = AxisKnowledge(bus, drive, axis, name)
+        self._bus = bus
+        self._drive = drive
+        self._axis = axis
+        self._name = name
+        self._stops = stops
+        self._supervisor = supervisor
+        self._state = self.knowledge.state
+        self._carrier = PlanCarrier(bus, drive, axis, name, self.knowledge, stops, supervisor, self.stumble)
+        self.carry = self._carrier.carry
+        self._change: Change | None = None
+        self._wake = asyncio.Event()
+        self._told: Told = lambda verdict, error: None
+        supervisor.watch(axis, name, self._on_trouble, stops.tell)
+
+    # Commands
+
+    async def enable(self) -> None:
+        """Energise the motor; after a stop for safety, stop once more first."""
+        unit, state = self._bus.owner.units[self._drive.address], self._state
+        if unit.lapsed:
+            raise RearmRequired(f"{self._name} was stopped because {unit.locked}: renew() the lease, then enable().")
+        if unit.locked or self._stops.blocked or unit.halt is not None or unit.rearm is not None:
+            await self._stops.stand_still(emergency=True, motion=self._drive.motion)
+            if unit.rearm is not None:
+                await self._rearm(unit.rearm)  # where that fails it stays locked: its watchdog may be armed
+            unit.locked = self._stops.blocked = ""
+        await self.carry(self._drive.set_up)
+        if state.holds is None and not await self.knowledge.stands():
+            await self._stops.stand_still()  # another program left it turning
+        await self.carry(lambda: self._drive.enable(self._axis))
+        await self.knowledge.see_restart()
+
+    async def disable(self) -> None:
+        """Let go of the motor."""
+        if self._state.motion.may_move:
+            await self._stops.stand_still()
+        await self.carry(lambda: self._drive.disable(self._axis))
+        self._state.stood_at = self.commanded = None
+
+    async def zero(self) -> None:
+        """Make the position at which it then stands its zero."""
+        await self.carry(self._drive.set_up)
+        await self._carrier.have_it_stand()
+        await self.carry(lambda: self._drive.zero(self._axis))
+        await self._take_reference(at_zero=True)
+
+    async def seek(self, move: Move, plan: Callable[[], Plan[None]], *, by_reference: bool, at_zero: bool) -> int:
+        """Have the drive find its reference by a routine of its own, or go there `by_reference` to the one that is set
+        already; where that ended, which is `at_zero` or wherever the drive then says."""
+        if by_reference:
+            await self.ready()
+        else:
+            self._stops.check_rearm()
+            await self.carry(self._drive.set_up)
+            await self._carrier.have_it_stand()
+            await self.knowledge.see_restart()
+            await self.knowledge.afresh(Fact.ENABLED, Fact.FAULT)
+            self._check_able()
+        move.state = MoveState.STARTING
+        self.commanded = None
+        task = Task(move, start=self._state.value(Fact.POSITION), ended=lambda step: self._see_it_found(step, move))
+        await self.carry(plan, task)
+        return await self._take_reference(at_zero=at_zero)
+
+    async def move(
+        self,
+        move: Move,
+        target_from: Callable[[int], int],
+        parameters: MotionParameters,
+        plan: Callable[[int, MotionParameters], Plan[None]] | None = None,
+    ) -> int:
+        """Go to a target, which may depend on where the move starts; where it ended. `plan` tells the drive otherwise
+        than `Drive.move`."""
+        task = Task(move, start=await self.ready())
+        if isinstance(move, GroupMemberMove):
+            await move.prepared()
+            task.start = await self.ready()  # the others may have taken their time
+        assert task.start is not None
+        start, target, ability = task.start, target_from(task.start), self._drive.ability(self._axis)
+        task.target = target
+        way = abs(self._state.rule.moved(start, target))
+        if isinstance(move, GroupMemberMove):
+            turns = way / ability.counts_per_turn if way > self.tolerance else 0.0
+            parameters, task.slot = await move.agree(turns, target)
+        profile = parameters.profile(way / ability.counts_per_turn)
+        move.rpm, move.acceleration = parameters.rpm, parameters.acceleration
+        move.eta = self._bus.now() + profile.duration
+        told = parameters
+        await self._set_off(
+            task,
+            lambda: plan(target, told) if plan is not None else self._drive.move(self._axis, target, told),
+        )
+        assert move.started_at is not None
+        course = MoveCourse(
+            self._short(move),
+            self._state,
+            move.started_at,
+            self._drive.start_grace,
+            start=start,
+            target=target,
+            tolerance=self.tolerance,
+            profile=profile,
+            counts_per_turn=ability.counts_per_turn,
+            # Where a drive counts from after a restart, it could have restarted instead of arriving.
+            proof=self._drive.marks(self._axis) if abs(target) <= self._state.jump else (),
+        )
+        if isinstance(move, GroupMemberMove):
+            course.interval = _WATCH
+        move.eta = course.eta
+        self.changeable = move if plan is None else None
+        try:
+            await self._see_it_end(move, course)
+        finally:
+            self.changeable = None
+            self.drop_change(f"{self._name}: its move ended before the target was changed.")
+        self.commanded = course.target
+        position: int = self._state.value(Fact.POSITION)
+        if isinstance(move, GroupMemberMove):
+            await self._stay(move)
+        return position
+
+    async def run(
+        self, move: Move, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None
+    ) -> None:
+        """Change to a speed, in the drive's direction: until that is reached; for a time, until it stands again."""
+        move.rpm, move.acceleration = abs(rpm), parameters.acceleration
+        task = Task(move, start=await self.ready(standing=False), rpm=rpm, before=await self._speed())
+        since = self._state.known(Fact.POSITION).at
+        await self._set_off(task, lambda: self._drive.run(self._axis, rpm, parameters, ticks))
+        assert move.started_at is not None
+        rate = min(parameters.acceleration, parameters.slowing_down)
+        profile = RunProfile(rpm, rate, task.before, duration)
+        counts_per_turn = self._drive.ability(self._axis).counts_per_turn
+        course = RunCourse(
+            self._short(move),
+            self._state,
+            move.started_at,
+            self._drive.start_grace,
+            profile=profile,
+            counts_per_turn=counts_per_turn,
+        )
+        move.eta = course.eta
+        await self._see_it_end(move, course)
+        if duration is None or not rpm:
+            return
+        went = self._state.rule.moved(task.start or 0, self._state.value(Fact.POSITION)) / counts_per_turn
+        wanted = task.before * (move.started_at - since) / 60 + profile.turns_after(profile.ends_after)
+        if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(rpm) / 60):
+            raise MoveFailed(
+                f"{self._name} went {went:.3f} turns in its {self._short(move)} for {duration:g} s, and should have "
+                f"gone {wanted:.3f}. {self._drive.what_else(self._axis)}"
+            )
+
+    async def ready(self, *, standing: bool = True) -> int:
+        """Know where the axis is, and that it may be moved; where it is.
+
+        Raises:
+            RearmRequired, ReferenceLost, NotEnabled: it may not.
+        """
+        state, knowledge = self._state, self.knowledge
+        self._stops.check_rearm()
+        await self.carry(self._drive.set_up)
+        if standing:
+            knowledge.check_reference()
+        lost = state.lost
+        if standing and state.motion.may_move:
+            await self._stops.stand_still()
+        await knowledge.see_restart(Fact.POSITION)
+        if standing:
+            await self._carrier.have_it_stand()
+            knowledge.notice_restart()
+        if standing or state.lost != lost:
+            knowledge.check_reference()
+        await knowledge.know((Fact.POSITION,))
+        self._check_able()
+        position: int = state.value(Fact.POSITION)
+        if standing:
+            state.stood_at = position
+        if self.commanded is not None and state.may_be_moved:
+            was_moved = abs(state.rule.moved(self.commanded, position)) > self.tolerance
+            self.commanded = None if was_moved else self.commanded
+        return position
+
+    async def make_safe(self) -> None:
+        """See that it stands, or stop it."""
+        if self._state.motion.may_move and not self._stops.is_stopping:
+            self.stumble()
+            if not await self._carrier.is_seen_standing():
+                self._stops.stop_if_moving()
+
+    # Parts of them
+
+    async def _set_off(self, task: Task, make: Callable[[], Plan[None]]) -> None:
+        """Set the axis in motion, by a plan whose last step is the start."""
+        task.move.state = MoveState.STARTING
+        self.commanded = None
+        await self.carry(make, task)
+        task.move.state = MoveState.MOVING
+
+    async def _take_reference(self, *, at_zero: bool) -> int:
+        """Trust positions from now on; where it stands. Raises `MoveFailed` where that should be at zero and is not."""
+        await self.knowledge.afresh(Fact.POSITION)
+        position: int = self._state.value(Fact.POSITION)
+        if at_zero and abs(position) > max(self.tolerance, self._state.rule.same):
+            raise MoveFailed(f"{self._name} was set to zero and reports {position} {self._state.unit}.")
+        self._state.lost = ""
+        self._state.stood_at = position
+        self.commanded = 0 if at_zero else position
+        return position
+
+    async def _rearm(self, timeout: float) -> None:
+        if not await admit_and_arm(self._bus, self._drive, timeout):
+            raise RearmRequired(f"{self._name}: its watchdog could not be armed again.")
+
+    async def _speed(self) -> float:
+        """How fast it turns, in rpm, before it is told another speed."""
+        course = self._supervisor.course(self._axis)
+        if isinstance(course, RunCourse) and course.keeps:
+            return course.profile.rpm
+        if not self._state.motion.may_move:
+            return 0.0
+        await self.knowledge.afresh(Fact.SPEED)
+        return float(self._state.value(Fact.SPEED) or 0.0)
+
+    def _check_able(self) -> None:
+        """Raise what keeps it from moving, as far as is known."""
+        state = self._state
+        fault = state.value(Fact.FAULT)
+        if fault:
+            raise DriveFault(f"{self._name} reports {fault}.")
+        enabled = state.value(Fact.ENABLED)
+        if enabled is False or (enabled is None and not state.holds):
+            state.holds = False
+            raise NotEnabled(f"{self._name} is not enabled: enable() it first.")
+        state.holds = True
+
+    # Seeing them end
+
+    async def _see_it_found(self, step: Ended, move: Move) -> None:
+        """Wait for the end of a routine of the drive's own."""
+        assert move.started_at is not None
+        move.state = MoveState.MOVING
+        course = HomingCourse(
+            self._short(move),
+            self._state,
+            move.started_at,
+            self._drive.start_grace,
+            done=step.done,
+            watch=self._drive.tells(*step.watch),
+            timeout=step.timeout,
+        )
+        await self._see_it_end(move, course)
+
+    async def _see_it_end(self, move: Move, course: Course) -> None:
+        """Wait until a course has reached its speed, or has ended. Raises what is wrong with it."""
+        ended: list[tuple[Verdict, MotionError | None]] = []
+        self._wake.clear()
+
+        def told(verdict: Verdict, error: MotionError | None) -> None:
+            if verdict is Verdict.DOUBTFUL and error is None:
+                self.stumble()
+            elif not ended:
+                ended.append((verdict, error))
+                self._wake.set()
+            elif error is not None:
+                self._on_trouble(error)
+
+        self._told = told
+        self._supervisor.follow(self._axis, course, told)
+        while not ended:
+            await self._wake.wait()
+            self._wake.clear()
+            if self._change is not None and isinstance(course, MoveCourse) and not ended:
+                await self._make_change(move, course)
+        verdict, error = ended[0]
+        if error is not None:
+            self.stumble()
+            if verdict is Verdict.SILENT:
+                await self._stops.block("its drive stopped answering", until_standing=True)
+                await self._see_after_silence()
+            else:
+                # One that was not seen to move may start after all.
+                await self._carrier.stop_after(error, surely=not self._state.standstill.has_moved)
+            raise error
+
+    async def _see_after_silence(self) -> None:
+        """Find out whether the drive has restarted, if it answers again. Raises `ReferenceLost` if it has."""
+        try:
+            await self.knowledge.see_restart()
+        except RequestFailed:
+            if not self._drive.tells_restarts:
+                self._state.suspect("its drive stopped answering and may have restarted.")
+        else:
+            self.knowledge.check_reference()
+
+    async def _stay(self, move: GroupMemberMove) -> None:
+        """Stay where it has arrived until all have."""
+        while not await move.all_arrived(_WATCH):
+            with suppress(NoReply):
+                await self.knowledge.afresh(Fact.POSITION)
+            self.knowledge.check_reference()
+        await move.ended()
+
+    def stumble(self) -> None:
+        """What it carries out is about to fail. Others that depend on that are stopped, while it finds out why."""
+        current = self._stops.queue.current
+        if isinstance(current, GroupMemberMove):
+            current.stumble()
+
+    def _on_trouble(self, error: MotionError) -> None:
+        """Something is wrong with an axis of which nobody waits for the end."""
+        hard = not isinstance(error, LimitReached | NotEnabled)
+        self._stops.fail_unawaited(f"motion of {self._name}", error, emergency=hard)
+
+    def _short(self, move: Move) -> str:
+        """The name of a move, without that of the axis."""
+        return move.what.removesuffix(f" of {self._name}")
+
+    # Sending it elsewhere
+
+    def change(self, change: Change) -> None:
+        """Send the move under way elsewhere."""
+        self.drop_change(f"{self._name}: another change of its target came first.")
+        self._change = change
+        self._wake.set()
+
+    def drop_change(self, why: str) -> None:
+        """It is not made."""
+        change, self._change = self._change, None
+        if change is not None:
+            change.handle.fail(MoveCancelled(why))
+
+    async def _make_change(self, move: Move, course: MoveCourse) -> None:
+        change, self._change = self._change, None
+        assert change is not None
+        try:
+            await self._send_change(move, course, change)
+        except (RequestFailed, MotionError) as error:
+            change.handle.fail(error)
+            if not isinstance(error, RequestFailed) or isinstance(error, OutcomeUnknown):
+                raise
+            # The move goes on to where it went.
+        except BaseException as error:
+            change.handle.fail(MoveCancelled(f"{self._name}: its target was not changed ({error!r})."))
+            raise
+        self._supervisor.follow(self._axis, course, self._told)
+
+    async def _send_change(self, move: Move, course: MoveCourse, change: Change) -> None:
+        state, parameters = self._state, change.parameters
+        await anyio.sleep(max(0.0, course.begun_at - self._bus.now()))
+        if await self.knowledge.stands():
+            # It has ended, or its drive has restarted: nothing may set it in motion again.
+            change.handle.fail(MoveCancelled(f"{self._name} stood still before its target was changed."))
+            return
+        await self.knowledge.see_restart()
+        self.knowledge.check_reference()
+        await self.knowledge.know((Fact.SPEED, Fact.POSITION), since=self._bus.now() - FRESH)
+        speed, position = float(state.value(Fact.SPEED) or 0.0), state.value(Fact.POSITION)
+        started_at = move.started_at
+        task = Task(move, start=position, target=change.target, before=speed, under_way=True)
+        await self.carry(lambda: self._drive.retarget(self._axis, change.target, parameters, speed), task)
+        sent_at, move.started_at = state.motion.commanded_at, started_at
+        turns = state.rule.moved(position, change.target) / self._drive.ability(self._axis).counts_per_turn
+        eta = sent_at + seconds_to(turns, parameters.rpm, parameters.acceleration, speed)
+        course.change(change.target, eta, None)
+        move.target, move.rpm, move.acceleration = change.position, parameters.rpm, parameters.acceleration
+        move.eta = eta
+        change.handle.finish(None)

@@ -1,0 +1,1 @@
+"""Axes that move together."""

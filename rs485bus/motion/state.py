@@ -1,0 +1,228 @@
+"""What is known of a drive and its axes. Every reply feeds it, whoever asked. Pure.
+
+Each fact carries the earliest time at which its reply can have been asked for. An older one never replaces a newer one.
+A frame that can change a fact invalidates it when it is sent, whoever sends it.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+from rs485bus.bus.units.motion import Motion
+from rs485bus.motion.standstill import NEVER, Standstill, StandstillRule
+from rs485bus.wire.frames import Request
+
+FRESH = 0.25
+"""Seconds after which a drive that was not heard may have restarted, and a standing axis is looked at again."""
+
+
+class Fact(enum.Enum):
+    """What a reply may tell of an axis."""
+
+    POSITION = "position"
+    """Counts."""
+    RUNNING = "running"
+    """Whether its status says that it moves; None where the status says nothing."""
+    SPEED = "speed"
+    """rpm, in the direction in which the position grows."""
+    ENABLED = "enabled"
+    FAULT = "fault"
+    """What the drive reports, in words; empty if there is none."""
+    STALLED = "stalled"
+    LIMIT = "limit"
+    """The limit that is reached, in words; empty if there is none."""
+    HOMED = "homed"
+    """How its homing stands, in the family's terms."""
+    INPUTS = "inputs"
+    """The levels of its inputs, in the family's terms."""
+    MARK = "mark"
+    """What a restart of the drive would change, in the family's terms."""
+
+    __hash__ = object.__hash__
+
+
+MOTION = frozenset({Fact.POSITION, Fact.RUNNING, Fact.SPEED})
+"""What a frame that starts or stops an axis changes."""
+Facts = Mapping[Fact, Any]
+
+
+class Known(NamedTuple):
+    """A fact."""
+
+    value: Any
+    at: float
+    """The earliest time at which its reply can have been asked for."""
+
+
+_UNKNOWN = Known(None, NEVER)
+
+
+class AxisState:
+    """What is known of one axis.
+
+    Args:
+        motion: the axis, as the owner of the wire knows it.
+        rule: how it is seen to stand.
+        jump: counts by which a standing axis may shift, as a loaded shaft does. One that shifts further has restarted.
+    """
+
+    def __init__(self, motion: Motion, rule: StandstillRule, jump: int) -> None:
+        self.motion = motion
+        self.rule = rule
+        self.jump = jump
+        self.standstill = Standstill(rule)
+        self.unit = "counts"
+        """What its counts are called in messages."""
+        self.may_be_moved = False
+        """Something else than the bus may move it, while its drive counts on."""
+        self.stood_at: int | None = None
+        """The position at which it was last seen standing, unless something may have moved it since."""
+        self.holds: bool | None = None
+        """Whether its motor was told to hold the shaft; None if it was told nothing since it started."""
+        self.lost = ""
+        """Why its positions are not to be trusted."""
+        self.fastest = 0.0
+        """How fast it can have moved since it last stood, in counts a second."""
+        self.between: tuple[int, int | None] | None = None
+        """From where to where it went, in counts, when nobody knows what became of that: where it is seen next shows
+        whether its drive has restarted. The end is None where it may have gone anywhere."""
+        self.stopped_at = NEVER
+        """When a frame was last sent that stops it, whoever sent it."""
+        self.ramp_stop: Request | None = None
+        """What stops by its ramp what it was told last; None where there is nothing like that."""
+        self.ramp_takes = 0.0
+        """Seconds that this takes."""
+        self._facts: dict[Fact, Known] = {}
+        self._changed: dict[Fact, float] = {}
+
+    def last(self, fact: Fact) -> Known:
+        """A fact as it was last told, though it may have changed since; the value None if it was never told."""
+        return self._facts.get(fact, _UNKNOWN)
+
+    def known(self, fact: Fact) -> Known:
+        """A fact, if it was asked for after the last frame that can have changed it; else the value None."""
+        known = self._facts.get(fact, _UNKNOWN)
+        return known if known.at >= self._changed.get(fact, NEVER) else _UNKNOWN
+
+    def value(self, fact: Fact) -> Any:
+        """The value of `known`."""
+        return self.known(fact).value
+
+    def since(self, at: float, facts: Iterable[Fact]) -> bool:
+        """Whether all these facts were asked for at a time or later."""
+        return all(self.known(fact).at >= at for fact in facts)
+
+    @property
+    def stands(self) -> bool | None:
+        """Whether it stands, by what was asked since the last frame that starts or stops it; None: unknown."""
+        return self.standstill.verdict
+
+    # What changes it
+
+    def set_rule(self, rule: StandstillRule) -> None:
+        """It is seen to stand in another way from now on."""
+        self.rule = self.standstill.rule = rule
+
+    def learn(self, facts: Facts, at: float, now: float) -> None:
+        """A reply told these facts. It came now, and was asked for at a time or later."""
+        for fact, value in facts.items():
+            before = self._facts.get(fact, _UNKNOWN)
+            if at >= before.at and at >= self._changed.get(fact, NEVER):
+                if fact is Fact.POSITION:
+                    self._notice_jump(before, value, now)
+                self._facts[fact] = Known(value, at)
+        if at >= self._changed.get(Fact.POSITION, NEVER) and at >= self.standstill.until:
+            self.standstill.see(at, facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED))
+
+    def change(self, facts: Iterable[Fact], at: float) -> None:
+        """A frame that can change these facts goes out."""
+        for fact in facts:
+            self._changed[fact] = at
+            if fact is Fact.POSITION:
+                self.standstill.forget()
+
+    def start(self, fastest: float) -> None:
+        """It may move from now on, at up to so many counts a second."""
+        self.stood_at = None
+        self.fastest = max(self.fastest, fastest)
+
+    def stood(self) -> None:
+        """It stands, as was last asked."""
+        self.stood_at = self.value(Fact.POSITION)
+        self.fastest = 0.0
+        self.motion.stands(self.standstill.until)
+
+    def suspect(self, why: str) -> None:
+        """Its positions are not to be trusted."""
+        self.lost = self.lost or why
+
+    def _notice_jump(self, before: Known, position: int, now: float) -> None:
+        """Notice a position to which it cannot have come: its drive counts anew."""
+        if self.may_be_moved:
+            self.stood_at = None
+        between, self.between = self.between, None
+        if between is not None and not self._is_plausible(position, *between):
+            self.suspect("it is not where it could have gone while it was not heard: the drive may have restarted.")
+        elif self.stood_at is not None and self.holds:
+            way = self.rule.moved(self.stood_at, position)
+            if abs(way) > self.jump:
+                self.stood_at = None
+                self.suspect(
+                    f"it stands {way} {self.unit} from where it stood, and nobody moved it: the drive may have "
+                    "restarted."
+                )
+        elif before.value is not None and self.fastest and self.motion.may_move:
+            way = self.rule.moved(before.value, position)
+            if abs(way) > self.jump + self.fastest * (now - before.at):
+                self.suspect(
+                    f"it is {way} {self.unit} from where it was, sooner than it can have gone there: the drive may "
+                    "have restarted."
+                )
+
+    def _is_plausible(self, position: int, start: int, end: int | None) -> bool:
+        """Whether a motion from one place to another may have ended here; at zero, where a drive begins to count after
+        a restart, only if it began or ended there."""
+        if abs(position) <= self.jump:
+            return abs(start) <= self.jump or (end is not None and abs(end) <= self.jump)
+        return end is None or min(start, end) - self.jump <= position <= max(start, end) + self.jump
+
+
+class DriveState:
+    """What is known of one drive.
+
+    Args:
+        axes: its axes.
+    """
+
+    def __init__(self, axes: tuple[AxisState, ...]) -> None:
+        self.axes = axes
+        self.heard_at = NEVER
+        """When it was last asked something that it answered."""
+        self.gap_at = NEVER
+        """When it was first heard after its last silence, in which it may have restarted."""
+        self._listeners: list[Callable[[], None]] = []
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call back after every reply, and after every frame that changes something."""
+        self._listeners.append(listener)
+
+    def hear(self, at: float, now: float, told: Iterable[Facts]) -> None:
+        """A reply told these facts, of each axis. It came now, and was asked for at a time or later."""
+        if at > self.heard_at + FRESH:
+            self.gap_at = at
+        self.heard_at = max(self.heard_at, at)
+        for axis, facts in zip(self.axes, told, strict=False):
+            if facts:
+                axis.learn(facts, at, now)
+        self.tell()
+
+    def unsure_since(self, now: float) -> float:
+        """When, or later, what a restart would change must have been asked."""
+        return now if now > self.heard_at + FRESH else self.gap_at
+
+    def tell(self) -> None:
+        """Something has changed."""
+        for listener in self._listeners:
+            listener()

@@ -1,0 +1,208 @@
+"""How one axis is stopped, and what becomes of what it was told to do."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle, settle
+from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.units.motion import Motion
+from rs485bus.errors import BusClosed, BusError, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
+from rs485bus.motion.command_queue import CommandQueue
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.events import EventKind
+from rs485bus.motion.knowledge import AxisKnowledge
+from rs485bus.motion.supervisor import Supervisor
+
+_STOPS = 3
+_log = logging.getLogger("rs485bus")
+
+
+class StopControl:
+    """Stops one axis. The owner does that, whatever becomes of who asked for it.
+
+    Args:
+        bus: the bus its drive is on.
+        drive: its drive.
+        axis: which one of the drive it is.
+        name: names it in messages.
+        supervisor: what looks at the drive.
+        on_plans_off: called when what is queued will not be carried out as it was planned.
+        on_stop: called before it is stopped, whoever does it.
+        tell: called with what happens to the axis.
+        make_safe: has the axis seen standing, or stopped, after a command that has failed; it is given that.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        drive: Drive,
+        axis: int,
+        name: str,
+        supervisor: Supervisor,
+        on_plans_off: Callable[[], None],
+        on_stop: Callable[[], None],
+        make_safe: Callable[[Handle[Any]], Awaitable[None]],
+        tell: Callable[[EventKind, str], None],
+    ) -> None:
+        self.queue = CommandQueue(bus, name, on_plans_off, lambda: self.begin_stop(emergency=True), make_safe)
+        self.blocked = ""
+        """Why it moves only after `enable()`."""
+        self._bus = bus
+        self._drive = drive
+        self._axis = axis
+        self._name = name
+        self._motion = drive.state.axes[axis].motion
+        self._supervisor = supervisor
+        self.tell = tell
+        self._on_stop = on_stop
+        self._knowledge = AxisKnowledge(bus, drive, axis, name)
+
+    # What users ask for
+
+    def stop_now(self, *, emergency: bool) -> Handle[None]:
+        """Drop what is queued, and stop."""
+        self.check_open()
+        self.queue.interrupt(MoveCancelled(f"{self._name} was stopped."))
+        return self.begin_stop(emergency=emergency)
+
+    def begin_stop(self, *, emergency: bool) -> Handle[None]:
+        """Stop; nothing else begins before it was seen standing."""
+        handle: Handle[None] = Handle(f"stop of {self._name}", self._bus.unseen)
+        if self.queue.current is None:
+            self._supervisor.leave(self._axis)  # else who carries that out finds out why it has ended
+
+        def told(future: asyncio.Future[Halted]) -> None:
+            if not future.result().standing:
+                handle.fail(self.unconfirmed())
+                self.tell(EventKind.FAILED, str(handle.error))
+            elif self._bus.closing:
+                handle.finish(None)
+            else:
+                self._bus.spawn(self._see_it_stay(handle), f"rs485bus {handle.what}")
+
+        self._halt(emergency=emergency).add_done_callback(told)
+        self.queue.hold(handle)
+        return handle
+
+    async def _see_it_stay(self, handle: Handle[None]) -> None:
+        """See it stand by its positions, too: where many are stopped at once the owner goes by a status, which has been
+        seen to lie."""
+        told = self._motion.commanded_at
+        try:
+            for _ in range(_STOPS):
+                if self.is_stopping or self._motion.commanded_at != told or await self._knowledge.stands():
+                    return
+                if not (await asyncio.shield(self._halt(emergency=True))).standing:
+                    break
+            handle.fail(self.unconfirmed())
+            self.tell(EventKind.FAILED, str(handle.error))
+        except BusError:
+            pass  # nobody can be asked any more
+        finally:
+            if not handle.done():
+                handle.finish(None)
+                self.tell(EventKind.STOP, "it was stopped, and stands")
+
+    def check_open(self) -> None:
+        """Raise `BusClosed` if the bus is closed, and `WrongThread` for a call from another thread."""
+        self._bus.check_thread()
+        if self._bus.owner.gate.closed:
+            raise BusClosed(f"{self._name}: the bus is closed.")
+
+    def check_rearm(self) -> None:
+        """Raise `RearmRequired` where it must be enabled first."""
+        why = self._bus.owner.units[self._drive.address].locked or self.blocked
+        if why:
+            raise RearmRequired(f"{self._name} moves only after enable(): {why}.")
+
+    # What its commands need
+
+    async def stand_still(self, *, emergency: bool = False, motion: Motion | None = None) -> None:
+        """Stop what it was told before, and see it stand. Raises `StopUnconfirmed`."""
+        self._supervisor.leave(self._axis)
+        halted = await asyncio.shield(self._halt(emergency=emergency, motion=motion))
+        if not halted.standing:
+            raise self.unconfirmed()
+
+    async def block(self, why: str, *, until_standing: bool = False) -> None:
+        """Nobody knows what the axis does: stop it, and let it move only after `enable()`; or, where it must be known
+        but that it stands, where it was not seen standing."""
+        self.blocked = why
+        self._supervisor.leave(self._axis)
+        halted = await asyncio.shield(self._halt(emergency=True))
+        if until_standing and halted.standing:
+            self.blocked = ""
+
+    def unconfirmed(self) -> StopUnconfirmed:
+        """It was stopped, and not seen standing."""
+        self.blocked = "it was told to stop and could not be seen standing"
+        away = "" if self._bus.connected else ": the port is gone, and it is stopped as soon as that is there again"
+        return StopUnconfirmed(
+            f"{self._name} was told to stop and could not be seen standing{away}. Look at the machine; use the "
+            "hard-wired emergency stop. It moves only after enable()."
+        )
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether it is being stopped."""
+        halt = self._bus.owner.units[self._drive.address].halt
+        return halt is not None and halt.motion in (self._motion, self._drive.motion)
+
+    def fail_unawaited(self, what: str, error: MotionError, *, emergency: bool) -> None:
+        """Something is wrong with an axis of which nobody waits for the end. It is stopped; who gives the next command
+        is told, and whoever leaves the block of the bus."""
+        _log.warning("%s", error)
+        self.begin_stop(emergency=emergency)
+        self.queue.fail(Handle(what, self._bus.unseen), error)
+
+    # What its group needs
+
+    def give_up(self, handle: Handle[Any], error: Exception) -> None:
+        """End a command, and what is queued behind it, because what it is a part of has ended. Nothing of it that is
+        on its way to the drive is sent any more; `stop_if_moving` stops what was."""
+        if self.queue.current is handle:
+            self.queue.interrupt(error)
+            self._motion.stop()
+        else:
+            self.queue.cut(handle, error)
+
+    def stop_if_moving(self) -> None:
+        """Stop it, where it may move and is not being stopped already."""
+        if self._motion.may_move and self._bus.connected and not self.is_stopping:
+            self.begin_stop(emergency=False)
+
+    # What the bus tells
+
+    def abandon(self, why: str) -> None:
+        """The bus stops it, for that reason."""
+        self.queue.interrupt(MoveCancelled(f"{self._name}: {why}."))
+        self._on_stop()
+
+    def interrupted(self, unheard: float, reason: str) -> None:
+        """The bus stopped it for safety, or lost it. It had been unheard for so many seconds."""
+        error: MotionError | NotSent = NotSent(
+            f"{self._name}: {reason}. It is stopped as soon as the port is there again."
+        )
+        if self._bus.owner.units[self._drive.address].locked:
+            error = RearmRequired(
+                f"{self._name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable()."
+            )
+        _log.warning("%s", error)
+        self.tell(EventKind.LOST if isinstance(error, NotSent) else EventKind.TRIP, str(error))
+        self.queue.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
+
+    def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
+        """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
+        self._on_stop()
+        halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
+        motion = motion or self._motion
+        if self._bus.closed:
+            halted.set_result(Halted(self._drive.address, self._drive.family, False, 0))
+            return halted
+        self._bus.halt(self._drive, motion, emergency=emergency, told=lambda ended: settle(halted, ended))
+        return halted

@@ -1,0 +1,396 @@
+"""Looks at whatever may move, and tells at once what ends it.
+
+From the first frame that may set an axis in motion until it was seen to stand it is looked at, whoever set it in motion
+and whether anybody waits for it or not. Replies to others count: only what would be too old is asked for.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.schedule.burst import takes
+from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.watchdog.foreign import possible_cause
+from rs485bus.errors import MotionError, MoveFailed, MoveTimeout, ReferenceLost
+from rs485bus.motion.courses import Course, ForeignCourse, Verdict
+from rs485bus.motion.diagnosis import diagnose, wanted
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.events import Changes, EventKind
+from rs485bus.motion.standstill import NEVER
+from rs485bus.motion.state import AxisState, Fact
+from rs485bus.wire.frames import Request
+
+_log = logging.getLogger("rs485bus")
+
+SHARE = 0.4
+"""The part of the wire that looks may take."""
+LONGEST = 1.0
+"""Seconds to which the interval is stretched at most."""
+SILENT = 4
+"""Intervals without a usable answer after which an axis that may move is stopped."""
+_MISSES = 4
+"""How many looks must have been without an answer then, however long the drive may take for one."""
+_STOPPING = 0.05
+"""Seconds after which it is seen whether a stop has ended."""
+_FOREVER = float("inf")
+
+Told = Callable[[Verdict, MotionError | None], None]
+"""Called when a course has reached its speed, has ended, or failed of an error."""
+
+
+class LookBudget:
+    """How often the drives of one bus can be looked at.
+
+    Args:
+        supervision: seconds between two looks at an axis that may move, where there is room for them.
+    """
+
+    def __init__(self, supervision: float) -> None:
+        self._supervision = supervision
+        self._takes: dict[Supervisor, float] = {}
+        self._told = False
+
+    def enter(self, supervisor: Supervisor, takes: float) -> None:
+        """A drive may move; one look at it takes the wire for so many seconds."""
+        self._takes[supervisor] = takes
+        if self.interval > self._supervision and not self._told:
+            self._told = True
+            _log.warning(
+                "%d moving drives are looked at every %.2f s only, instead of every %g s: there is no more room on "
+                "the wire",
+                len(self._takes),
+                self.interval,
+                self._supervision,
+            )
+
+    def leave(self, supervisor: Supervisor) -> None:
+        """It stands."""
+        self._takes.pop(supervisor, None)
+        self._told = self._told and self.interval > self._supervision
+
+    @property
+    def shortest(self) -> float:
+        """The shortest interval for which there is room, in seconds."""
+        return sum(self._takes.values()) / SHARE
+
+    @property
+    def interval(self) -> float:
+        """Seconds between two telling looks at each axis that may move."""
+        return min(max(self._supervision, self.shortest), max(LONGEST, self._supervision))
+
+    @property
+    def rotation(self) -> float:
+        """Seconds between two of the other looks at each drive."""
+        all_looks = sum(self._takes.values())
+        spare = SHARE - all_looks / self.interval
+        return max(self.interval, min(all_looks / spare if spare > 0 else _FOREVER, SILENT * self.interval))
+
+
+@dataclass(slots=True)
+class _Watched:
+    """One axis of a drive."""
+
+    state: AxisState
+    name: str
+    on_trouble: Callable[[MotionError], None]
+    tell: Callable[[EventKind, str], None]
+    changes: Changes
+    course: Course | None = None
+    told: Told | None = None
+    doubted_at: float | None = None
+    """Since when it is being found out what is wrong."""
+    lost: str = ""
+    """Why its positions were not to be trusted when that was last looked at."""
+    silent: bool = False
+    """It was told that its drive does not answer."""
+    starting: bool = False
+    """Somebody is about to start or to stop it, and looks at it meanwhile."""
+
+
+class Supervisor:
+    """Looks at one drive.
+
+    Args:
+        bus: the bus it is on.
+        drive: the drive.
+    """
+
+    def __init__(self, bus: Bus, drive: Drive) -> None:
+        self._bus = bus
+        self._drive = drive
+        self._budget = bus.keep(LookBudget, lambda: LookBudget(bus.config.supervision))
+        self._watched: dict[int, _Watched] = {}
+        self._job: Job | None = None
+        self._unanswered: dict[bytes, Job] = {}
+        """Looks that were not answered, by their frames. The same one may be sent again where an equal one must wait,
+        lest the late answer to the first is taken for its own."""
+        self._timer_at = _FOREVER
+        self._rotated_at = NEVER
+        self._not_before = NEVER
+        self._misses = 0
+        self._since = NEVER
+        """Since when it is looked at."""
+        line, silence = bus.owner.pair.line, bus.owner.pair.silence
+        self._takes = max(takes(line, silence, reading.request, 0.002) for reading in drive.readings)
+        drive.state.listen(self.review)
+
+    def watch(
+        self, axis: int, name: str, on_trouble: Callable[[MotionError], None], tell: Callable[[EventKind, str], None]
+    ) -> None:
+        """Look at an axis from now on, whenever it may move. `on_trouble` is called where nobody waits for its end;
+        `tell` of what happens to it."""
+        state = self._drive.state.axes[axis]
+        self._watched[axis] = _Watched(state, name, on_trouble, tell, Changes(state, tell))
+
+    def begin(self, axis: int) -> None:
+        """An axis is being told to move. Who does that sees whether it was, and says what follows then."""
+        self.leave(axis)
+        self._watched[axis].starting = True
+
+    @contextmanager
+    def absent(self, axis: int) -> Iterator[None]:
+        """Do not look at an axis while this holds, whatever it does: it is tried what it does when nobody asks it."""
+        self.begin(axis)
+        try:
+            yield
+        finally:
+            self.leave(axis)
+            self.review()
+
+    def follow(self, axis: int, course: Course, told: Told) -> None:
+        """An axis was told to move: judge it by that."""
+        self.leave(axis)
+        watched = self._watched[axis]
+        watched.course, watched.told = course, told
+        self.review()
+
+    def leave(self, axis: int) -> None:
+        """Nobody waits for what it was told last: it is stopped, or given up."""
+        watched = self._watched[axis]
+        watched.course = watched.told = watched.doubted_at = None
+        watched.starting = False
+
+    def course(self, axis: int) -> Course | None:
+        """What it was told last, and does still."""
+        return self._watched[axis].course
+
+    @property
+    def interval(self) -> float:
+        """Seconds between two looks at an axis that may move."""
+        return self._budget.interval
+
+    # Judging
+
+    def review(self) -> None:
+        """Something is known that was not, or may be so no more."""
+        now = self._bus.now()
+        active = False
+        for axis, watched in self._watched.items():
+            why = self._drive.restarted(axis)
+            if why:
+                watched.state.suspect(why)
+            watched.changes.look()
+            self._tell_of_restart(watched)
+            if isinstance(watched.course, ForeignCourse) and watched.course.has_ended:
+                watched.course = None
+            if watched.silent and self._drive.state.heard_at > self._since:
+                watched.silent = False
+                watched.tell(EventKind.BACK, "its drive answers again")
+            if watched.starting or (watched.course is None and not self._may_move(watched)):
+                continue
+            active = True
+            if not self._is_being_stopped():
+                self._judge(axis, watched, now)
+        if not active:
+            self._rest()
+            return
+        if self._since == NEVER:
+            self._since = now
+            self._budget.enter(self, self._takes)
+        self._look()
+
+    def _tell_of_restart(self, watched: _Watched) -> None:
+        """Tell the owner that the drive may have started anew: its watchdog may be off."""
+        if watched.lost != watched.state.lost:
+            watched.lost = watched.state.lost
+            if watched.lost:
+                owner = self._bus.owner
+                owner.stops.restarted(owner.units[self._drive.address])
+                watched.tell(EventKind.RESTART, watched.lost)
+
+    def _may_move(self, watched: _Watched) -> bool:
+        state = watched.state
+        if not state.motion.may_move and state.stands is False and state.value(Fact.RUNNING):
+            # Somebody else has set it in motion.
+            state.motion.moves()
+            state.start(_FOREVER)
+        if state.motion.may_move:
+            watched.course = ForeignCourse("motion", state, state.motion.commanded_at, self._drive.start_grace)
+        return state.motion.may_move
+
+    def _is_being_stopped(self) -> bool:
+        return self._bus.owner.units[self._drive.address].halt is not None
+
+    def _judge(self, axis: int, watched: _Watched, now: float) -> None:
+        course = watched.course
+        assert course is not None
+        verdict = course.judge()
+        if verdict is Verdict.REACHED and watched.told is not None:
+            watched.told(verdict, None)
+        elif verdict is Verdict.DONE:
+            watched.state.stood()
+            self._end(watched, verdict, None)
+        elif verdict is Verdict.OVERDUE:
+            self._end(
+                watched,
+                verdict,
+                MoveTimeout(
+                    f"{watched.name}: {course.what} takes more than twice its time, and a second. It was stopped."
+                ),
+            )
+        elif verdict is Verdict.DOUBTFUL:
+            self._doubt(axis, watched, course, now)
+        elif watched.doubted_at is not None:
+            watched.doubted_at = None
+
+    def _doubt(self, axis: int, watched: _Watched, course: Course, now: float) -> None:
+        """Find out what is wrong."""
+        if watched.doubted_at is None:
+            watched.doubted_at = now
+            if watched.told is not None:
+                watched.told(Verdict.DOUBTFUL, None)
+            return
+        if watched.state.since(watched.doubted_at, wanted(self._drive, axis)):
+            cause = possible_cause(self._bus.owner, self._drive)
+            self._end(watched, Verdict.DOUBTFUL, diagnose(self._drive, axis, watched.name, course, cause))
+
+    def _end(self, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
+        told, watched.course, watched.told, watched.doubted_at = watched.told, None, None, None
+        if error is not None and not isinstance(error, ReferenceLost):
+            watched.changes.failed(error, silent=verdict is Verdict.SILENT)
+            watched.silent = verdict is Verdict.SILENT
+        if told is not None:
+            watched.starting = error is not None  # who is told stops it, or sees that it need not be
+            told(verdict, error)
+        elif error is not None:
+            watched.on_trouble(error)
+
+    # Looking
+
+    def _rest(self) -> None:
+        if self._since != NEVER:
+            self._since = NEVER
+            self._budget.leave(self)
+
+    def _look(self) -> None:
+        """Ask for what is due, or come back when something is."""
+        owner = self._bus.owner
+        unit = owner.units[self._drive.address]
+        now = self._bus.now()
+        if self._job is not None or owner.gate.closed:
+            return
+        if unit.halt is not None or not owner.gate.connected:
+            self._wake_at(now + _STOPPING)  # who stops it looks at it
+            return
+        unheard = now - max(self._drive.state.heard_at, self._since)
+        if self._misses >= _MISSES and unheard > SILENT * max(self._interval(), unit.reply_timeout):
+            self._fell_silent()
+            return
+        unit.late.expire(now)
+        when, fact = self._next()
+        when = max(when, self._not_before)
+        if when > now:
+            self._wake_at(when)
+            return
+        request = self._free(fact)
+        if fact not in self._drive.telling:
+            self._rotated_at = now
+        job = self._unanswered.pop(request.adu, None)
+        if job is None:
+            job = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=0)
+            job.on_end = self._answered
+        self._job = job
+        self._bus.submit(job)
+
+    def _free(self, fact: Fact) -> Request:
+        """What to ask for a fact; where a late reply could be taken for its answer, something else."""
+        late = self._bus.owner.units[self._drive.address].late
+
+        def free(request: Request) -> bool:
+            return not late.must_wait(request, self._unanswered.get(request.adu))
+
+        reading = self._drive.reading(fact, free)
+        if reading is not None:
+            return reading.request
+        others = (*(each.request for each in self._drive.readings), *self._drive.reads())
+        return next((request for request in others if free(request)), others[0])
+
+    def _answered(self, job: Job) -> None:
+        self._job = None
+        took = job.ended_at - job.sent_at + self._bus.owner.pair.silence
+        if job.outcome is Outcome.REPLY:
+            self._misses = 0
+            self._takes += (took - self._takes) / 8
+        else:
+            # The first repetition goes at once; later ones leave the wire to others.
+            self._misses += 1
+            self._unanswered[job.request.adu] = job
+            self._not_before = job.ended_at + (0.0 if self._misses == 1 else took * (1 / SHARE - 1))
+        self.review()
+
+    def _next(self) -> tuple[float, Fact]:
+        """What is to be asked next, and when."""
+        best, fact = _FOREVER, self._drive.telling[0]
+        for axis, watched in self._watched.items():
+            course = watched.course
+            if course is None:
+                continue
+            for each in self._facts(axis, course):
+                due = min(course.due(each), self._routine(each, watched, course))
+                if watched.doubted_at is not None and watched.state.known(each).at < watched.doubted_at:
+                    due = NEVER
+                if due < best:
+                    best, fact = due, each
+        return best, fact
+
+    def _facts(self, axis: int, course: Course) -> Iterable[Fact]:
+        """What may be asked about an axis."""
+        facts = (*self._drive.telling, *wanted(self._drive, axis), Fact.SPEED, *course.facts)
+        return self._drive.tells(*dict.fromkeys(facts))
+
+    def _routine(self, fact: Fact, watched: _Watched, course: Course) -> float:
+        """When a fact is due because the axis moves."""
+        at = watched.state.known(fact).at
+        if fact in self._drive.telling:
+            return max(at, course.started_at) + self._interval(course)
+        if fact in self._drive.rotation:
+            oldest = max(at, course.started_at) + len(self._drive.rotation) * self._budget.interval
+            return max(oldest, self._rotated_at + self._budget.rotation)
+        return _FOREVER
+
+    def _interval(self, *courses: Course) -> float:
+        """Seconds between two telling looks; fewer where others depend on one of these courses, or of all."""
+        all_courses = courses or tuple(each.course for each in self._watched.values() if each.course is not None)
+        wanted = min((course.interval for course in all_courses), default=_FOREVER)
+        return min(self._budget.interval, max(wanted, self._budget.shortest))
+
+    def _wake_at(self, when: float) -> None:
+        if when < self._timer_at - 1e-4 and when < _FOREVER:
+            self._timer_at = when
+            self._bus.call_at(when, self._wake)
+
+    def _wake(self) -> None:
+        self._timer_at = _FOREVER
+        self.review()
+
+    def _fell_silent(self) -> None:
+        self._since = self._bus.now()
+        for watched in self._watched.values():
+            if watched.course is not None:
+                what = watched.course.what
+                watched.state.between = watched.course.between
+                self._end(watched, Verdict.SILENT, MoveFailed(f"{watched.name} stopped answering during {what}."))

@@ -13,7 +13,6 @@ from rs485bus.bus.functions import RequestOptions
 from rs485bus.bus.port_urls import Backend
 from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.recording import Recording
-from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.bus.watchdog.report import WatchReport
@@ -24,7 +23,6 @@ from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Inputs as I
 from rs485bus.devices.tlr.homing import Homing as Homing2
 from rs485bus.devices.tlr.stepper import TlrStatus, Version
 from rs485bus.devices.tlr.tables import Path, SpeedPath
-from rs485bus.devices.tlr.telemetry import Report
 from rs485bus.devices.tlr.values import BaudRate, DiFunction, DoFunction, LimitStop, OperatingMode, PathMode, PathTrigger, SerialFormat
 from rs485bus.devices.zlac.odometry import Pose
 from rs485bus.devices.zlac.setup import ZlacSetup
@@ -37,7 +35,7 @@ from rs485bus.motion.sample import AxisSample
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
 from rs485bus.wire.private import Reply
-from rs485bus.wire.registers import Block, Register
+from rs485bus.wire.registers import Register
 from rs485bus.wire.timing import LineSettings, Parity
 from typing import Any, Generic, Unpack
 
@@ -314,7 +312,7 @@ class Bus:
         Asked for again, with the same settings or without, it is the same one: a notebook's cell can be run twice.
         """
         ...
-    def tlr(self, address: int, *, pulses_per_turn: int | None = None, units_per_turn: float = 1.0, reverse: bool = False, limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 2000.0, start_rpm: int = 0, tolerance: int | None = None, clear_trigger: bool = True, block_writes: bool = True, keeps_target: bool = True, enabled_bit: bool = False, live_jog: bool = False, ramp_rpm: float | None = None) -> TlrStepper:
+    def tlr(self, address: int, *, pulses_per_turn: int | None = None, units_per_turn: float = 1.0, reverse: bool = False, limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 2000.0, deceleration: float | None = None, start_rpm: int = 0, tolerance: int | None = None, clear_trigger: bool = True, block_writes: bool = True, keeps_target: bool = True, enabled_bit: bool = False, live_jog: bool = False, ramp_rpm: float | None = None) -> TlrStepper:
         """The TL-R stepper at a station, 1..247. Settings and errors are those of `TlrStepper`. As `mks` otherwise."""
         ...
     def zlac(self, address: int, *, units_per_turn: float = 1.0, reverse: tuple[bool, bool] = ..., limits: tuple[float, float] | None = None, rpm: float = 60.0, acceleration: float = 120.0, max_rpm: float = 1000.0, tolerance: int = 16, encoder_lines: int | None = None, speed_resolution: int | None = None, status_word_left: Literal['low', 'high'] = 'low', ramp_rpm: float | None = None, smooth_stop: bool = False, scaled_position_speed: bool = False, zero_in_position_mode: bool = False) -> Zlac8015d:
@@ -936,8 +934,10 @@ class HubMotor(FormerAxis):
 class Table(Generic[T]):
     """Entries that are set (`table[3] = entry`) and asked for (`await table[3]`) by index.
 
+    What was set before is written when the answer comes.
+
     Args:
-        drive: whose they are.
+        parameters: those of the drive.
         entries: where they are kept.
         values: what is written for an entry.
         typed: the entry that was read.
@@ -964,9 +964,6 @@ class Inputs(Table[DiFunction]):
     """
     def assign(self, *functions: DiFunction) -> Handle[None]:
         """Give all inputs their functions, from DI0 on; `PATHS_BY_INPUTS`, say. What is left out does nothing."""
-        ...
-    def set(self, index: int, entry: DiFunction) -> Handle[None]:
-        """Give an input a function, and read that back. Raises as `Table.set`."""
         ...
     def set_filter(self, coefficient: int) -> Handle[None]:
         """How much of bouncing is filtered out, of all inputs: 0..1024, 2 as shipped. Its unit is not said."""
@@ -1317,7 +1314,7 @@ class Paths(Table[Path]):
     """The 16 paths.
 
     Args:
-        drive: whose they are.
+        parameters: those of the drive.
         to_counts: from units of the axis to pulses.
         to_units: and back.
     """
@@ -1328,71 +1325,20 @@ class Paths(Table[Path]):
         """Whether a trigger interrupts a positioning under way, as shipped, or is ignored (3.2.2)."""
         ...
 
-class Retargeting(FormerAxis):
-    """An axis whose absolute moves can be changed while they are under way."""
-    def retarget(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Handle[None]:
-        """Change target, speed and acceleration of the `move_to` or `move_by` under way, without a stop.
-
-        The move keeps its handle, and is done where it goes now. The handle returned is done once the drive took the
-        change. Arguments as for `move_to`.
-
-        Raises:
-            LimitExceeded: one of them is out of its range; nothing is sent.
-            MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
-        """
-        ...
-
 class SpeedPaths(Table[SpeedPath]):
     """The 16 speed paths.
 
     Args:
-        drive: whose they are.
+        parameters: those of the drive.
         sign: 1, or -1 where the axis counts the other way round.
     """
 
-class TlrKnowledge(Retargeting):
-    """One drive, as it is asked. Arguments as for `TlrStepper`."""
-    address: int
-    keeps_target: bool
-    enabled_bit: bool
-    counts_per_turn: float
-    def put_setting(self, where: Register[Any] | Block, *values: Any, again: bool = False) -> Handle[None]:
-        """Queue the writing of a setting, and its reading back. `again`: what was known at set-up changes by it."""
-        ...
-    def report(self, urgency: Urgency = ...) -> Report:
-        """All that the drive reports, of one moment."""
-        ...
-    def set_up(self) -> None:
-        """Know what must be known before anything else."""
-        ...
-    def setting(self, what: str, carry_out: Callable[[], T]) -> Handle[T]:
-        """Queue a command that is no move, for when the drive is set up."""
-        ...
+class TlrSetup(Axis):
+    """Settings. Each joins the queue and returns a handle. What is written is read back.
 
-class TlrDrive(TlrKnowledge):
-    """One drive, as `TlrStepper` without its settings, tables and homing."""
-    live_jog: bool
-    start_rpm: float
-
-class TlrHoming(TlrDrive):
-    """A drive that finds its origin."""
-    def home(self, homing: Homing2 | None = None, *, timeout: float = 60.0) -> Move:
-        """Find the origin. Positions can be trusted then, and soft limits count.
-
-        The handle gives the position reached: 0, unless there is an offset.
-
-        Args:
-            homing: how; None for what the drive is set to.
-            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
-
-        Raises:
-            LimitExceeded: a value is out of its range; nothing is queued.
-            TypeError: one is of a wrong type; nothing is queued.
-        """
-        ...
-
-class TlrSettings(TlrDrive):
-    """A drive that is set up."""
+    Every method raises `LimitExceeded` for a value out of its range, before anything is queued. The handle raises what
+    a request can end in (`DeviceRefused`, `NoReply`, ...).
+    """
     def factory_reset(self) -> Handle[None]:
         """Set everything as it was shipped, the station and the baud rate too.
 
@@ -1400,7 +1346,7 @@ class TlrSettings(TlrDrive):
         """
         ...
     def read(self, register: Register[T]) -> T:
-        """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`."""
+        """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`. Settings queued before are done then."""
         ...
     def save(self) -> Handle[None]:
         """Have the drive keep what it is set to when it is switched off."""
@@ -1434,7 +1380,10 @@ class TlrSettings(TlrDrive):
         """
         ...
     def set_subdivision(self, pulses: int) -> Handle[None]:
-        """Pulses a turn: 400..51200. Positions then mean something else: home the axis, or set its zero."""
+        """Pulses a turn: 400..51200. Positions then mean something else: home the axis, or set its zero.
+
+        It holds from then on, whatever `pulses_per_turn` the axis was made with.
+        """
         ...
     def write(self, register: Register[T], value: T, *, manufacturer: bool = False) -> Handle[None]:
         """Write any parameter that is kept, and read it back.
@@ -1450,7 +1399,7 @@ class TlrSettings(TlrDrive):
         """
         ...
 
-class TlrStepper(TlrHoming, TlrSettings):
+class TlrStepper(TlrSetup):
     """A TL-R integrated stepper: TLC (closed loop) and TLO (open loop) 42, 57, 60 and 86.
 
     It has no watchdog, and does not notice when the host is gone: `watchdog()` raises `NotSupported`. Have a safety
@@ -1469,8 +1418,9 @@ class TlrStepper(TlrHoming, TlrSettings):
         rpm: the speed of moves that name none: 1..3000.
         acceleration: the acceleration of moves that name none, in rpm/s: at least half the speed in rpm, for ramps
             take 2 s at most; infinity for a jump.
+        deceleration: the same for slowing down; None for as fast as it gets faster.
         start_rpm: the speed at which moves begin: 0..3000.
-        tolerance: pulses by which a position may differ from its target; None for 1/500 turn.
+        tolerance: pulses by which an axis that has arrived may differ from its target; None for 1°.
         clear_trigger: write 0 to the control word before what starts something. False saves a frame where the drive
             starts at each write (the manual says of some bits that they need no reset, of others that they must rise).
         block_writes: write what belongs together in one request. Some firmware keeps only a part of five registers or
@@ -1486,24 +1436,74 @@ class TlrStepper(TlrHoming, TlrSettings):
         LimitExceeded, ValueError: an argument is out of its range.
         TypeError: one is of a wrong type.
     """
-    start_rpm: float
-    live_jog: bool
-    ramp_rpm: float | None
+    address: int
+    deceleration: float | None
     paths: Paths
     speed_paths: SpeedPaths
     inputs: Inputs
     outputs: Outputs
-    def __init__(self, bus: Bus, address: int, *, pulses_per_turn: int | None = None, units_per_turn: float = 1.0, reverse: bool = False, limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 2000.0, start_rpm: int = 0, tolerance: int | None = None, clear_trigger: bool = True, block_writes: bool = True, keeps_target: bool = True, enabled_bit: bool = False, live_jog: bool = False, ramp_rpm: float | None = None) -> None:
+    def __init__(self, bus: Bus, address: int, *, pulses_per_turn: int | None = None, units_per_turn: float = 1.0, reverse: bool = False, limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 2000.0, deceleration: float | None = None, start_rpm: int = 0, tolerance: int | None = None, clear_trigger: bool = True, block_writes: bool = True, keeps_target: bool = True, enabled_bit: bool = False, live_jog: bool = False, ramp_rpm: float | None = None) -> None:
         ...
     def clear_alarm(self) -> Handle[None]:
+        """The same as `clear_fault`."""
+        ...
+    def clear_fault(self) -> Handle[None]:
         """End an alarm whose cause is gone (3.6). The motor is held again after `enable()`.
 
         Raises:
             DriveFault: it is still there. It says what to do, and whether the drive must be switched off and on.
         """
         ...
+    def home(self, homing: Homing2 | None = None, *, timeout: float = 60.0) -> Move:
+        """Find the origin. Positions can be trusted then, and soft limits count.
+
+        The handle gives the position reached: 0, unless there is an offset.
+
+        Args:
+            homing: how; None for what the drive is set to.
+            timeout: seconds after which the axis is stopped and `HomingFailed` raised.
+
+        Raises:
+            LimitExceeded: a value is out of its range; nothing is queued.
+            TypeError: one is of a wrong type; nothing is queued.
+        """
+        ...
+    def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None, deceleration: float | None = None) -> Move:
+        """Go a distance. As `Axis.move_by`, with a ramp down of its own, as `move_to`."""
+        ...
+    def move_to(self, position: float, *, rpm: float | None = None, acceleration: float | None = None, deceleration: float | None = None) -> Move:
+        """Go to a position. As `Axis.move_to`, with a ramp down of its own (3.1.1).
+
+        Args:
+            position: in the axis' units.
+            rpm: the speed, above 0.
+            acceleration: in rpm/s; infinity for a jump.
+            deceleration: the same for slowing down; None for the axis' own, or as fast as it gets faster.
+        """
+        ...
     def release(self) -> Handle[None]:
         """Let go of the shaft, once what is queued before it is done and the motor stands. The same as `disable`."""
+        ...
+    def retarget(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Handle[None]:
+        """Change target, speed and acceleration of the `move_to` or `move_by` under way, without a stop.
+
+        The move keeps its handle, and is done where it goes now. The handle returned is done once the drive took the
+        change. Arguments as for `move_to`.
+
+        Raises:
+            LimitExceeded: one of them is out of its range; nothing is sent.
+            MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
+        """
+        ...
+    def run(self, rpm: float, *, acceleration: float | None = None, deceleration: float | None = None, duration: float | None = None) -> Move:
+        """Turn at a speed. As `Axis.run`, with a ramp down of its own, as `move_to`.
+
+        The drive knows no time, and does not notice when nobody is there to stop it: for a `duration` it is sent to
+        where it should be then, within the axis' `limits`.
+        """
+        ...
+    def set_up(self) -> None:
+        """Ask for what must be known before anything else, if that is not known. Every verb and question does so."""
         ...
     def status(self) -> TlrStatus:
         """What the drive reports."""

@@ -51,6 +51,8 @@ def said(value: Any, unit: str) -> str:
     if isinstance(value, enum.Flag):
         names = [str(member.name).lower().replace("_", " ") for member in value]
         return "+".join(names) if names else "none"
+    if isinstance(value, enum.IntEnum) and value.name not in type(value).__members__:
+        return int(value).to_bytes(2, "big").hex(" ").upper()  # it is in no manual
     if isinstance(value, enum.Enum):
         return str(value.name).lower().replace("_", " ")
     if isinstance(value, bytes):

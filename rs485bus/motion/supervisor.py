@@ -201,6 +201,8 @@ class Supervisor:
                 watched.silent = False
                 watched.tell(EventKind.BACK, "its drive answers again")
             if watched.starting or (watched.course is None and not self._may_move(watched)):
+                if watched.state.stood_at is None and watched.state.stands and not watched.state.motion.may_move:
+                    watched.state.stood()
                 continue
             active = True
             if not self._is_being_stopped():

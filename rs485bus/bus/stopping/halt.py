@@ -157,7 +157,7 @@ class Halt:
         self._detector = attached.judgement(motion)
         """Decides from all that was asked since the first stop: nothing sets it in motion between two orders."""
         self._looks: dict[Request, Job] = {}
-        """What was asked. A look that is sent again is the same job: either reply to it will do."""
+        """What was asked and not answered. A look that is sent again is the same job: either reply to it will do."""
         self._listeners: list[Callable[[Halted], None]] = []
 
     def listen(self, listener: Callable[[Halted], None]) -> None:
@@ -326,6 +326,8 @@ class Halt:
 
     def _judge(self, look: Job, pacing: Pacing) -> bool | None:
         """Whether it stands, from what it answered; None if that is not known."""
+        if look.outcome is Outcome.REPLY:
+            self._looks.pop(look.request, None)  # to ask once more is no repetition
         if look.outcome is not Outcome.REPLY or look.answered_since < self._evidence_from:
             return None
         stands = self._detector.see(look.request, look.reply, look.answered_since)

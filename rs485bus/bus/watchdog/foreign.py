@@ -17,6 +17,8 @@ from rs485bus.bus.watchdog.settings import set_watchdog
 
 _log = logging.getLogger("rs485bus")
 
+_SHORTEST = 0.1
+"""Seconds: nobody sets a watchdog to less."""
 OPTION = 'BusConfig(foreign_watchdog="off")'
 
 
@@ -57,7 +59,7 @@ def possible_cause(owner: Owner, device: DeviceAdapter) -> str:
     if unit.watchdog_ms == watchdog.off:
         return ""  # this program has turned it off
     unheard = _longest_unheard(owner, device)
-    if unheard <= 0.0:
+    if unheard < _SHORTEST:
         return ""
     if unit.watchdog_ms is not None or unit.may_be_armed:
         return (

@@ -22,12 +22,10 @@ SETTLING = 0.3
 _FOREVER = float("inf")
 _SHOWS = 10
 """An axis that should have gone this many times as far as a standing one may seem to go, and did not, is held up."""
+_FAR_APART, _MUCH_LESS = 0.1, 0.7
 _CLOSE_RPM, _CLOSE = 2.0, 0.03
 """By how much a speed may differ from the one that was told: in rpm, or as a part of it."""
-_LOOK_AGAIN, _LOOK_SOON = 0.05, 0.01
-_HOMING_LOOK = 0.1
-_SAYS_NOTHING = 1.0
-"""Seconds for which the position must stay where the status goes on saying that it moves, and nobody knows why."""
+LOOK_AGAIN, LOOK_SOON = 0.05, 0.01
 
 
 def is_speed(measured: float, rpm: float) -> bool:
@@ -137,6 +135,14 @@ class Course(ABC):
         ]
         return still.unmoved > 0 and min(ways) * counts_per_turn > _SHOWS * self.state.rule.same
 
+    def _falls_behind(self, turns_after: Callable[[float], float], counts_per_turn: int) -> bool:
+        """Whether it went much less than it should have between two looks that are far apart: to be looked at again."""
+        begin, end, way = self.state.last_way
+        if begin < self.begun_at or end - begin < _FAR_APART:
+            return False
+        ways = [abs(turns_after(end - late) - turns_after(begin - late)) for late in (self.started_at, self.begun_at)]
+        return abs(way) < _MUCH_LESS * min(ways) * counts_per_turn - _SHOWS * self.state.rule.same
+
     def _due_at_end(self, fact: Fact, end: float, pause: float) -> float:
         """When to ask for a fact, to see the axis stand soon after a time."""
         still, rule = self.state.standstill, self.state.rule
@@ -145,9 +151,9 @@ class Course(ABC):
             if asked < end:
                 return end
             settles = still.unmoved > 0 or still.confirmed
-            return max(asked + _LOOK_SOON / 2, still.since + rule.apart) if settles else asked + pause
+            return max(asked + LOOK_SOON / 2, still.since + rule.apart) if settles else asked + pause
         if fact is Fact.RUNNING and asked >= end and not still.confirmed:
-            return max(still.since, self.state.known(Fact.RUNNING).at + _LOOK_SOON / 2)
+            return max(still.since, self.state.known(Fact.RUNNING).at + LOOK_SOON / 2)
         return _FOREVER
 
 
@@ -195,7 +201,7 @@ class MoveCourse(Course):
         self.eta = eta
         self.profile = profile
         self.deadline = 2 * eta - self.started_at + 1
-        self._pause = min(max((eta - self.started_at) / 50, _LOOK_SOON), _LOOK_AGAIN)
+        self._pause = min(max((eta - self.started_at) / 50, LOOK_SOON), LOOK_AGAIN)
 
     @property
     def between(self) -> tuple[int, int | None]:
@@ -240,6 +246,9 @@ class MoveCourse(Course):
         if fact in self.proof and near and self.state.known(fact).at < self.started_at:
             return NEVER
         asked = self.state.known(Fact.POSITION).at
+        profile = self.profile
+        if fact is Fact.POSITION and profile and self._falls_behind(profile.turns_after, self._counts_per_turn):
+            return asked + LOOK_AGAIN / 2
         return self._due_at_end(fact, min(self.eta, asked) if near else self.eta, self._pause)
 
     def _is_at_a_limit(self) -> bool:
@@ -320,12 +329,14 @@ class RunCourse(Course):
 
     def due(self, fact: Fact) -> float:
         if self.keeps and self.state.stopped_at > self.started_at:
-            return self._due_at_end(fact, self.state.stopped_at, _LOOK_AGAIN)
+            return self._due_at_end(fact, self.state.stopped_at, LOOK_AGAIN)
+        if fact is Fact.POSITION and self._falls_behind(self.profile.turns_after, self._counts_per_turn):
+            return self.state.known(Fact.POSITION).at + LOOK_AGAIN / 2
         if not self.keeps:
-            return self._due_at_end(fact, max(self.eta, self.begun_at), _LOOK_AGAIN / 2)
+            return self._due_at_end(fact, max(self.eta, self.begun_at), LOOK_AGAIN / 2)
         if fact is Fact.SPEED and not self._reached:
             asked = self.state.known(Fact.SPEED).at
-            return self.eta if asked < self.eta else asked + _LOOK_AGAIN
+            return self.eta if asked < self.eta else asked + LOOK_AGAIN
         return _FOREVER
 
     def _in_time(self) -> Verdict:
@@ -334,91 +345,3 @@ class RunCourse(Course):
     def _has_speed(self) -> bool:
         speed = self.state.known(Fact.SPEED)
         return speed.value is not None and speed.at >= self.started_at and is_speed(speed.value, self.profile.rpm)
-
-
-class HomingCourse(Course):
-    """A search for an origin, which the drive makes by itself.
-
-    Args:
-        done: whether it has found what it looked for, asked when the axis stands; None if that cannot be told yet.
-        watch: what that depends on.
-        timeout: seconds that it may take.
-        others as for `Course`.
-    """
-
-    def __init__(
-        self,
-        what: str,
-        state: AxisState,
-        started_at: float,
-        grace: float,
-        *,
-        done: Callable[[], bool | None],
-        watch: tuple[Fact, ...],
-        timeout: float,
-    ) -> None:
-        super().__init__(what, state, started_at, grace)
-        self._done = done
-        self._watch = self.facts = watch
-        self._deadline = started_at + timeout
-
-    def _is_troubled(self) -> bool:
-        # It may push against a stop, and counts anew when it is there.
-        return bool(self.state.value(Fact.FAULT))
-
-    def _judge(self) -> Verdict:
-        still = self.state.standstill
-        if self._stands and self.state.since(still.since, self._watch) and self._done() is not None:
-            return Verdict.DONE
-        return Verdict.OVERDUE if self._is_overdue(self._deadline) else Verdict.GOES_ON
-
-    def due(self, fact: Fact) -> float:
-        still, known = self.state.standstill, self.state.known(fact)
-        says_so = self.state.value(Fact.RUNNING) is False
-        if fact is Fact.RUNNING:
-            pause = _LOOK_SOON if says_so and not still.confirmed else _HOMING_LOOK
-            return max(self.begun_at, known.at + pause)
-        if not says_so and not self.state.stands:
-            return _FOREVER
-        if fact is Fact.POSITION:
-            pause = _LOOK_AGAIN if self.state.stands else self.state.rule.apart
-            return max(self.begun_at, known.at + pause)
-        if fact in self._watch and self.state.stands:
-            return max(still.since, known.at + _LOOK_AGAIN) if known.at >= still.since else NEVER
-        return _FOREVER
-
-
-class ForeignCourse(Course):
-    """A motion that nobody waits for: one that somebody else began, or a torque that is kept.
-
-    Args:
-        kept: it may move again though it stands.
-        others as for `Course`.
-    """
-
-    def __init__(self, what: str, state: AxisState, started_at: float, grace: float, *, kept: bool = False) -> None:
-        super().__init__(what, state, started_at, grace)
-        self.keeps = kept
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether somebody else has seen it stand."""
-        return not self.keeps and not self.state.motion.may_move
-
-    def _is_troubled(self) -> bool:
-        if self.keeps:
-            return super()._is_troubled()
-        return bool(self.state.value(Fact.FAULT)) or self._is_at_a_limit()
-
-    def _judge(self) -> Verdict:
-        still = self.state.standstill
-        if self.keeps or not self._stands:
-            return Verdict.GOES_ON
-        if not still.confirmed and self.state.value(Fact.STALLED):
-            return Verdict.DOUBTFUL  # it pushes, and would go on when what holds it lets go
-        return Verdict.DONE if still.confirmed or still.unmoved >= _SAYS_NOTHING else Verdict.GOES_ON
-
-    def due(self, fact: Fact) -> float:
-        if self.keeps or self.state.stands is False:
-            return _FOREVER
-        return self._due_at_end(fact, self.begun_at, _LOOK_AGAIN)

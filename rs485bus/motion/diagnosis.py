@@ -42,7 +42,7 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
     if limit:
         at_zero = ", at zero" if abs(state.last(Fact.POSITION).value) <= state.jump else ""
         return LimitReached(f"{place}{at_zero}, {limit}. Move it off the limit the other way.")
-    if state.stands and not state.standstill.confirmed:
+    if state.stands is not False and not state.standstill.confirmed and state.value(Fact.RUNNING) is not False:
         return MotorStalled(
             f"{place}, and its drive says that it moves: something holds the shaft. It was stopped, lest it goes on "
             f"when that lets go. {drive.stall_remedy}"

@@ -25,11 +25,12 @@ from rs485bus.errors import (
     RequestFailed,
 )
 from rs485bus.motion.carrier import PlanCarrier, Task
-from rs485bus.motion.courses import Course, HomingCourse, MoveCourse, RunCourse, Verdict
+from rs485bus.motion.courses import Course, MoveCourse, RunCourse, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move, MoveState
+from rs485bus.motion.other_courses import HomingCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ended, Plan
 from rs485bus.motion.profile import RunProfile, seconds_to
@@ -270,6 +271,7 @@ class MoveExecutor:
 
     async def _set_off(self, task: Task, make: Callable[[], Plan[None]]) -> None:
         """Set the axis in motion, by a plan whose last step is the start."""
+        self._supervisor.check_room(self._name)
         task.move.state = MoveState.STARTING
         self.commanded = None
         await self.carry(make, task)

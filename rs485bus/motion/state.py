@@ -94,6 +94,8 @@ class AxisState:
         """What stops by its ramp what it was told last; None where there is nothing like that."""
         self.ramp_takes = 0.0
         """Seconds that this takes."""
+        self.last_way = (NEVER, NEVER, 0)
+        """When its position was asked for the time before last, when the last time, and the counts in between."""
         self._facts: dict[Fact, Known] = {}
         self._changed: dict[Fact, float] = {}
 
@@ -132,6 +134,8 @@ class AxisState:
             if at >= before.at and at >= self._changed.get(fact, NEVER):
                 if fact is Fact.POSITION:
                     self._notice_jump(before, value, now)
+                    if before.value is not None:
+                        self.last_way = (before.at, at, self.rule.moved(before.value, value))
                 self._facts[fact] = Known(value, at)
         if at >= self._changed.get(Fact.POSITION, NEVER) and at >= self.standstill.until:
             self.standstill.see(at, facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED))

@@ -95,7 +95,10 @@ class StopControl:
         told = self._motion.commanded_at
         try:
             for _ in range(_STOPS):
-                if self.is_stopping or self._motion.commanded_at != told or await self._knowledge.stands():
+                if self.is_stopping or self._motion.commanded_at != told:
+                    return
+                if await self._knowledge.stands():
+                    self._drive.state.axes[self._axis].stood()
                     return
                 if not (await asyncio.shield(self._halt(emergency=True))).standing:
                     break

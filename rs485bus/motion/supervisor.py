@@ -6,7 +6,7 @@ and whether anybody waits for it or not. Replies to others count: only what woul
 
 from __future__ import annotations
 
-import logging
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,80 +14,30 @@ from dataclasses import dataclass
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.schedule.burst import takes
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.units.loss import share_lost
+from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import MotionError, MoveFailed, MoveTimeout, ReferenceLost
-from rs485bus.motion.courses import Course, ForeignCourse, Verdict
+from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.diagnosis import diagnose, wanted
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
+from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget
+from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
 from rs485bus.wire.frames import Request
 
-_log = logging.getLogger("rs485bus")
-
-SHARE = 0.4
-"""The part of the wire that looks may take."""
-LONGEST = 1.0
-"""Seconds to which the interval is stretched at most."""
-SILENT = 4
-"""Intervals without a usable answer after which an axis that may move is stopped."""
 _MISSES = 4
-"""How many looks must have been without an answer then, however long the drive may take for one."""
+"""How many looks must have been without an answer then, at least, however long the drive may take for one."""
+_UNLIKELY = math.log(1e-6)
+"""How unlikely it must be that the line has lost them all."""
 _STOPPING = 0.05
 """Seconds after which it is seen whether a stop has ended."""
 _FOREVER = float("inf")
 
 Told = Callable[[Verdict, MotionError | None], None]
 """Called when a course has reached its speed, has ended, or failed of an error."""
-
-
-class LookBudget:
-    """How often the drives of one bus can be looked at.
-
-    Args:
-        supervision: seconds between two looks at an axis that may move, where there is room for them.
-    """
-
-    def __init__(self, supervision: float) -> None:
-        self._supervision = supervision
-        self._takes: dict[Supervisor, float] = {}
-        self._told = False
-
-    def enter(self, supervisor: Supervisor, takes: float) -> None:
-        """A drive may move; one look at it takes the wire for so many seconds."""
-        self._takes[supervisor] = takes
-        if self.interval > self._supervision and not self._told:
-            self._told = True
-            _log.warning(
-                "%d moving drives are looked at every %.2f s only, instead of every %g s: there is no more room on "
-                "the wire",
-                len(self._takes),
-                self.interval,
-                self._supervision,
-            )
-
-    def leave(self, supervisor: Supervisor) -> None:
-        """It stands."""
-        self._takes.pop(supervisor, None)
-        self._told = self._told and self.interval > self._supervision
-
-    @property
-    def shortest(self) -> float:
-        """The shortest interval for which there is room, in seconds."""
-        return sum(self._takes.values()) / SHARE
-
-    @property
-    def interval(self) -> float:
-        """Seconds between two telling looks at each axis that may move."""
-        return min(max(self._supervision, self.shortest), max(LONGEST, self._supervision))
-
-    @property
-    def rotation(self) -> float:
-        """Seconds between two of the other looks at each drive."""
-        all_looks = sum(self._takes.values())
-        spare = SHARE - all_looks / self.interval
-        return max(self.interval, min(all_looks / spare if spare > 0 else _FOREVER, SILENT * self.interval))
 
 
 @dataclass(slots=True)
@@ -146,6 +96,10 @@ class Supervisor:
         state = self._drive.state.axes[axis]
         self._watched[axis] = _Watched(state, name, on_trouble, tell, Changes(state, tell))
 
+    def check_room(self, name: str) -> None:
+        """Raise `LimitExceeded` where there is no room on the wire to look at this drive, too, while it moves."""
+        self._budget.check(self, self._takes, name)
+
     def begin(self, axis: int) -> None:
         """An axis is being told to move. Who does that sees whether it was, and says what follows then."""
         self.leave(axis)
@@ -201,8 +155,6 @@ class Supervisor:
                 watched.silent = False
                 watched.tell(EventKind.BACK, "its drive answers again")
             if watched.starting or (watched.course is None and not self._may_move(watched)):
-                if watched.state.stood_at is None and watched.state.stands and not watched.state.motion.may_move:
-                    watched.state.stood()
                 continue
             active = True
             if not self._is_being_stopped():
@@ -299,7 +251,7 @@ class Supervisor:
             self._wake_at(now + _STOPPING)  # who stops it looks at it
             return
         unheard = now - max(self._drive.state.heard_at, self._since)
-        if self._misses >= _MISSES and unheard > SILENT * max(self._interval(), unit.reply_timeout):
+        if self._misses >= self._in_vain(unit) and unheard > SILENT * max(self._interval(), unit.reply_timeout):
             self._fell_silent()
             return
         unit.late.expire(now)
@@ -317,6 +269,10 @@ class Supervisor:
             job.on_end = self._answered
         self._job = job
         self._bus.submit(job)
+
+    def _in_vain(self, unit: UnitState) -> int:
+        """How many looks in a row must have been without an answer, lest that is the loss of the line."""
+        return max(_MISSES, math.ceil(_UNLIKELY / math.log(share_lost(*unit.reach.loss.counts))))
 
     def _free(self, fact: Fact) -> Request:
         """What to ask for a fact; where a late reply could be taken for its answer, something else."""

@@ -1,0 +1,78 @@
+"""How often whatever moves can be looked at: looks leave most of the wire to others."""
+
+from __future__ import annotations
+
+import logging
+import math
+
+from rs485bus.errors import LimitExceeded
+
+_log = logging.getLogger("rs485bus")
+
+SHARE = 0.4
+"""The part of the wire that looks may take."""
+LONGEST = 1.0
+"""Seconds to which the interval is stretched at most."""
+SILENT = 4
+"""Intervals without a usable answer after which an axis that may move is stopped."""
+_FOREVER = float("inf")
+
+
+class LookBudget:
+    """How often the drives of one bus can be looked at.
+
+    Args:
+        supervision: seconds between two looks at an axis that may move, where there is room for them.
+    """
+
+    def __init__(self, supervision: float) -> None:
+        self._supervision = supervision
+        self._takes: dict[object, float] = {}
+        self._told = False
+
+    def enter(self, looks: object, takes: float) -> None:
+        """A drive may move; one look at it takes the wire for so many seconds."""
+        self._takes[looks] = takes
+        if self.interval > self._supervision and not self._told:
+            self._told = True
+            _log.warning(
+                "%d moving drives are looked at every %.2f s only, instead of every %g s: there is no more room on "
+                "the wire",
+                len(self._takes),
+                self.interval,
+                self._supervision,
+            )
+
+    def check(self, looks: object, takes: float, name: str) -> None:
+        """Raise `LimitExceeded` where a further drive may not move, for it could not be looked at often enough."""
+        others = {other: its for other, its in self._takes.items() if other is not looks}
+        needed = (sum(others.values()) + takes) / SHARE
+        longest = max(LONGEST, self._supervision)
+        if needed > longest:
+            raise LimitExceeded(
+                f"{name}: {len(others)} drives move already, and all together could be looked at every {needed:.1f} s "
+                f"only: nothing was sent. Move fewer at once, use a faster line, or open the bus with "
+                f"BusConfig(supervision={min(5.0, math.ceil(10 * needed) / 10):g})."
+            )
+
+    def leave(self, looks: object) -> None:
+        """It stands."""
+        self._takes.pop(looks, None)
+        self._told = self._told and self.interval > self._supervision
+
+    @property
+    def shortest(self) -> float:
+        """The shortest interval for which there is room, in seconds."""
+        return sum(self._takes.values()) / SHARE
+
+    @property
+    def interval(self) -> float:
+        """Seconds between two telling looks at each axis that may move."""
+        return min(max(self._supervision, self.shortest), max(LONGEST, self._supervision))
+
+    @property
+    def rotation(self) -> float:
+        """Seconds between two of the other looks at each drive."""
+        all_looks = sum(self._takes.values())
+        spare = SHARE - all_looks / self.interval
+        return max(self.interval, min(all_looks / spare if spare > 0 else _FOREVER, SILENT * self.interval))

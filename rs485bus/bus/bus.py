@@ -338,6 +338,13 @@ class Bus:
         self._owner.submit(job, self._loop.time())
         self._pump.look()
 
+    def replace(self, job: Job, request: Request) -> bool:
+        """Have a job that waits, and was never sent, say something newer to its device. False if it is too late."""
+        if job.outcome is not None or job.attempts:
+            return False
+        job.request = request
+        return True
+
     async def ask(
         self,
         request: Request,

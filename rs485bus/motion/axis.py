@@ -6,6 +6,7 @@ the queue and is carried out by the owner of the wire, whatever becomes of who a
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
@@ -20,19 +21,23 @@ from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.errors import BusClosed, EmergencyStopped, LimitExceeded, MotionError, MoveCancelled, NoReply, NotSent
 from rs485bus.motion.drive import Ability, Drive
-from rs485bus.motion.events import Event, Events
+from rs485bus.motion.events import Event, EventKind, Events
 from rs485bus.motion.executor import Change, MoveExecutor
 from rs485bus.motion.group.member import GroupAxis, GroupCoordinator, GroupMemberMove
 from rs485bus.motion.move import Move, MoveState, MoveTarget
 from rs485bus.motion.parameters import MotionParameters, quickest
 from rs485bus.motion.plan import Plan
 from rs485bus.motion.sample import AxisSample
+from rs485bus.motion.setpoints import Setpoint, Stream, StreamCourse
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
+from rs485bus.motion.streaming import Streamer, Terms
 from rs485bus.motion.supervisor import Supervisor
 from rs485bus.wire.frames import Request
 
 T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
 
 _AS_ASKED = 0.05
 """By which part the drive may be faster or slower than asked before that is refused."""
@@ -185,6 +190,34 @@ class Axis:
         duration = None if duration is None else self._number("duration", duration)
         ticks = None if duration is None else self._ability.ticks(duration)
         return self._run_at(rpm, parameters, duration, ticks)
+
+    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> Stream:
+        """Turn at speeds that are told as they come: `async with axis.stream() as setpoint: setpoint(90.0)`.
+
+        The newest set-point counts and goes out as soon as the wire allows; nothing queues. One that is too old stops
+        the motor by its ramp; that is no error, and the next one goes on. Leaving the block stops, too. It joins the
+        queue: what was asked for before is done first. `limits` hold.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            acceleration: the ramp up and down, in rpm/s; None for the axis' own, infinity for a jump.
+
+        Raises:
+            LimitExceeded, TypeError: one of them is out of its range, or no number.
+        """
+        seconds = self._time("timeout", timeout)
+        rate = self._number("acceleration", self.acceleration if acceleration is None else acceleration)
+        if rate <= 0:
+            raise LimitExceeded(f"{self.name}: acceleration {rate:g} rpm/s is not above 0")
+        running: list[Streamer] = []
+
+        def begin(started: Callable[[], None]) -> tuple[Move, Setpoint]:
+            move = self._new_move("stream", None)
+            self._planned = None
+            self._queue.add(move, lambda: self._stream(move, running, seconds, rate, started))
+            return move, Setpoint(move, self._sign, self._state, running, lambda rpm: self._number("set-point", rpm))
+
+        return Stream(begin, running, self.stop)
 
     def set_zero(self) -> Handle[None]:
         """Make the position at which the axis then stands its zero."""
@@ -571,6 +604,41 @@ class Axis:
     ) -> float:
         await self._executor.run(move, rpm, parameters, duration, ticks)
         return await self.position()
+
+    async def _stream(
+        self,
+        move: Move,
+        streamer: list[Streamer],
+        timeout: float,
+        acceleration: float,
+        started: Callable[[], None],
+    ) -> float:
+        limits = None if self.limits is None else sorted(map(self._to_counts, self.limits))
+        counts_per_turn = self._ability.counts_per_turn
+        terms = Terms(
+            acceleration=acceleration,
+            timeout=timeout,
+            highest=self._ability.fastest[0],
+            counts_per_turn=counts_per_turn,
+            limits=None if limits is None else (limits[0], limits[1]),
+        )
+
+        def begin(rpm: float) -> StreamCourse:
+            streamer.append(Streamer(self.bus, self._drive, self._at, terms, rpm, self._notice_stale))
+            started()
+            interval = min(self._supervisor.interval, 0.1) if limits else self._supervisor.interval
+            now, grace = self.bus.now(), self._drive.start_grace
+            return StreamCourse(self._state, now, grace, streamer[0], counts_per_turn, interval)
+
+        try:
+            return self._to_units(await self._executor.stream(move, begin, by_reference=limits is not None))
+        finally:
+            for each in streamer:
+                each.close()
+
+    def _notice_stale(self, what: str) -> None:
+        _log.warning("%s: %s", self.name, what)
+        self._events.tell(Event(EventKind.STALE, self.name, self.bus.now(), what))
 
     def _starts_from(self, counts: int) -> float:
         """Where a relative move starts: at the last target if that was reached, else where the axis stands."""

@@ -210,6 +210,19 @@ class Drive(DeviceAdapter):
     def run(self, axis: int, rpm: float, parameters: MotionParameters, ticks: int | None) -> Plan[None]:
         """Change to a speed, in the drive's direction, perhaps for a time. Its last step is the start."""
 
+    def setpoint(self, axis: int, rpm: float, acceleration: float, *, afresh: bool) -> Sequence[Request]:
+        """The frames that tell the axis of a stream its next speed, whatever it does.
+
+        What cannot be told exactly is told slower and gentler. 0 is slowing down to a stand.
+
+        Args:
+            axis: which one.
+            rpm: the speed, in the drive's direction.
+            acceleration: of the way there, in rpm/s; infinity for a jump.
+            afresh: it is not known whether the drive was told what was told last.
+        """
+        raise NotSupported(f"{self.name} cannot be told speeds in a stream.")
+
     def retarget(self, axis: int, target: int, parameters: MotionParameters, speed: float) -> Plan[None]:
         """Send a move under way, which has this speed in rpm, elsewhere. Its last step is the start."""
         raise NotSupported(f"{self.name} cannot be sent elsewhere while it moves: stop() it first.")

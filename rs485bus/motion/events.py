@@ -30,6 +30,8 @@ class EventKind(enum.Enum):
     """Its drive does not answer, or the port is gone."""
     BACK = "back"
     """Its drive answers again."""
+    STALE = "stale"
+    """The set-points of its stream ceased to come: it was stopped by its ramp."""
     FAILED = "failed"
     """It did not do what it was told, for another reason."""
 

@@ -230,6 +230,17 @@ class MoveExecutor:
                 f"gone {wanted:.3f}. {self._drive.what_else(self._axis)}"
             )
 
+    async def stream(self, move: Move, begin: Callable[[float], Course], *, by_reference: bool) -> int:
+        """Have it follow speeds that are told as they come, from the one on that it has; where that ended."""
+        await self.ready(standing=False)
+        if by_reference:
+            self.knowledge.check_reference()
+        self.commanded = None
+        move.state, move.started_at = MoveState.MOVING, self._bus.now()
+        await self._see_it_end(move, begin(await self._speed()))
+        position: int = self._state.last(Fact.POSITION).value
+        return position
+
     async def ready(self, *, standing: bool = True) -> int:
         """Know where the axis is, and that it may be moved; where it is.
 

@@ -322,7 +322,7 @@ class Supervisor:
 
     def _routine(self, fact: Fact, watched: _Watched, course: Course) -> float:
         """When a fact is due because the axis moves."""
-        at = watched.state.known(fact).at
+        at = watched.state.last(fact).at  # set-points take away what was known, again and again
         if fact in self._drive.telling:
             return max(at, course.started_at) + self._interval(course)
         if fact in self._drive.rotation:

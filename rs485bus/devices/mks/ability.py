@@ -80,6 +80,14 @@ class MksAbility(Ability):
             )
         return max(1, round(rpm * self.speed_factor))
 
+    def slower(self, rpm: float) -> int:
+        """The speed value that comes nearest to a speed from below."""
+        return min(r.MAX_SPEED, int(abs(rpm) * self.speed_factor))
+
+    def gentler(self, acceleration: float) -> int:
+        """The code that comes nearest to an acceleration from below; that of the gentlest ramp below that."""
+        return 0 if acceleration == math.inf else max(1, 256 - math.ceil(_RAMP_UNIT / acceleration))
+
     def rpm_of(self, speed_code: int) -> float:
         """The speed that a speed value makes, in rpm."""
         return speed_code / self.speed_factor

@@ -295,6 +295,10 @@ class MksDrive(Drive):
         else:
             yield self.start(write_block(self.address, r.RUN_FOR, *values, ticks), stop, parameters)
 
+    def setpoint(self, axis: int, rpm: float, acceleration: float, *, afresh: bool) -> Sequence[Request]:
+        speed, ramp = self._ability.slower(rpm), self._ability.gentler(acceleration)
+        return (write_block(self.address, r.RUN, self.direction(rpm), ramp, speed),)
+
     def start(
         self, request: Request, stop: Request | None, parameters: MotionParameters, *, once: bool = False
     ) -> Start:

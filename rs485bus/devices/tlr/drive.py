@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -286,6 +287,20 @@ class TlrDrive(Drive):
         yield from self.clear_control()
         yield from self.put(r.JOG, *values)
         yield self.start(ControlWord.JOG, parameters)
+
+    def setpoint(self, axis: int, rpm: float, acceleration: float, *, afresh: bool) -> Sequence[Request]:
+        speed = int(rpm)
+        if not speed:
+            # Where it was told to stop before, that is said again as it was: what rises then would do it harder.
+            return (control(self.address, self._word if self._word & _STOPS else ControlWord.STOP),)
+        full = self._ability.ramp_rpm or abs(speed)
+        time = min(r.MAX_RAMP_MS, math.ceil(full * 1000 / acceleration))
+        jog = write(self.address, r.JOG.address, words(r.JOG.encode(speed, time, time)))
+        trigger = control(self.address, ControlWord.JOG)
+        if not self._word & JOGGING or afresh or not self.live_jog:
+            # Whether a jog under way takes another speed is not said: it is told to jog once more.
+            return (jog, control(self.address, ControlWord.NONE), trigger) if self.clear_trigger else (jog, trigger)
+        return (jog,)
 
     @property
     def is_jogging(self) -> bool:

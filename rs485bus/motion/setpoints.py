@@ -1,0 +1,215 @@
+"""Set-points of one axis: the newest one counts, and one that is too old stops the motor."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Literal
+
+from rs485bus.errors import BusError, MotionError, MoveCancelled
+from rs485bus.motion.courses import Course, Verdict
+from rs485bus.motion.move import Move
+from rs485bus.motion.standstill import NEVER
+from rs485bus.motion.state import AxisState, Fact
+from rs485bus.motion.streaming import Streamer
+
+_SHOWS = 10
+"""An axis that should have gone so many times as far as a standing one may seem to go, and did not, is held up."""
+_HELD_UP = 0.5
+"""Seconds for which it must be held up."""
+_LOOK_AGAIN = 0.05
+_FINDING_OUT = 0.3
+"""Seconds for which nothing is told while it is found out what is wrong."""
+_FOREVER = float("inf")
+
+
+class StreamCourse(Course):
+    """Speeds that follow each other.
+
+    Args:
+        state: what is known of the axis.
+        started_at: when it began.
+        grace: seconds within which the axis may stand though it was told to start.
+        streamer: tells the speeds.
+        counts_per_turn: of the axis.
+        interval: seconds between two looks.
+    """
+
+    keeps = True
+
+    def __init__(
+        self,
+        state: AxisState,
+        started_at: float,
+        grace: float,
+        streamer: Streamer,
+        counts_per_turn: int,
+        interval: float,
+    ) -> None:
+        super().__init__("stream", state, started_at, grace)
+        self.interval = interval
+        self._streamer = streamer
+        self._grace = grace
+        self._counts_per_turn = counts_per_turn
+        self._place: int | None = None
+        """Where it was last seen to have come to."""
+        self._place_at = NEVER
+
+    def place(self) -> str:
+        refused = self._streamer.refused
+        return f"was told a speed in its stream ({refused})" if refused else "has stopped during its stream"
+
+    def judge(self) -> Verdict:
+        verdict = super().judge()
+        if verdict is Verdict.DOUBTFUL:
+            self._streamer.hold(_FINDING_OUT)
+        return verdict
+
+    def _judge(self) -> Verdict:
+        streamer, running = self._streamer, self.state.known(Fact.RUNNING)
+        if streamer.refused:
+            return Verdict.DOUBTFUL
+        if streamer.ended and streamer.told.sure and not streamer.told.rpm and self.state.stands:
+            return Verdict.DONE
+        if running.value and running.at > streamer.stands_at + self._grace:
+            streamer.insist()  # it was told to stand
+        if streamer.ended and self._is_overdue(streamer.stands_at + 1):
+            return Verdict.OVERDUE
+        return Verdict.DOUBTFUL if self._stays() else Verdict.GOES_ON
+
+    def due(self, fact: Fact) -> float:
+        if not self._streamer.told.rpm and not self.state.stands:
+            return self._due_at_end(fact, self._streamer.stands_at, _LOOK_AGAIN)
+        if fact is Fact.SPEED:
+            return self.state.last(fact).at + min(self.interval, _LOOK_AGAIN * 5)
+        return _FOREVER
+
+    def _stays(self) -> bool:
+        """Whether it does not move though it was told to for long enough."""
+        position, told = self.state.last(Fact.POSITION), self._streamer.told
+        same = self.state.rule.same
+        if position.value is None:
+            return False
+        if self._place is None or not told.rpm or abs(self.state.rule.moved(self._place, position.value)) > same:
+            self._place, self._place_at = position.value, position.at
+            return False
+        shows = _SHOWS * same * 60 / (abs(told.rpm) * self._counts_per_turn)
+        since = max(self._place_at, told.same_way_since + self._grace)
+        return position.at - since > max(_HELD_UP, shows)
+
+
+class Setpoint:
+    """What a stream is told: `setpoint(90.0)`. Speeds are rpm, positive the way the axis counts.
+
+    Args:
+        move: the stream, as a command of its axis.
+        sign: -1 where the axis counts the other way than its drive.
+        state: what is known of it.
+        running: what tells the speeds, once it does.
+        check: raises what is no speed.
+    """
+
+    def __init__(
+        self,
+        move: Move,
+        sign: int,
+        state: AxisState,
+        running: Sequence[Streamer],
+        check: Callable[[float], float],
+    ) -> None:
+        self._move = move
+        self._sign = sign
+        self._state = state
+        self._running = running
+        self._check = check
+
+    def __call__(self, rpm: float) -> None:
+        """Turn at a speed from now on; 0 to stand. It replaces the one before, and never waits.
+
+        A speed is approached by the ramp of the stream. What is faster than the motor can turn is cut.
+
+        Raises:
+            LimitExceeded, TypeError: it is no speed.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        rpm = self._check(rpm)
+        if self._move.error is not None:
+            self._move.seen = True
+            raise self._move.error
+        if not self._running or self._running[0].ended:
+            raise MotionError(f"{self._move.what} has ended: set-points go into its block.")
+        self._running[0].want(self._sign * rpm)
+
+    @property
+    def sent(self) -> float:
+        """The speed that was told last, in rpm: on a ramp, a step of it."""
+        return self._sign * self._running[0].told.rpm if self._running else 0.0
+
+    @property
+    def measured(self) -> float | None:
+        """The speed that was last seen, in rpm."""
+        speed = self._state.last(Fact.SPEED).value
+        return None if speed is None else self._sign * float(speed)
+
+    @property
+    def delay(self) -> float:
+        """How old the newest set-point was when its frame was sent, in seconds."""
+        return self._running[0].told.delay if self._running else 0.0
+
+
+class Stream:
+    """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
+
+    Args:
+        begin: queues it; it gives the stream as a command, and the set-point.
+        running: what tells the speeds, once it does.
+        stop: stops the axis.
+    """
+
+    def __init__(
+        self,
+        begin: Callable[[Callable[[], None]], tuple[Move, Setpoint]],
+        running: Sequence[Streamer],
+        stop: Callable[[], object],
+    ) -> None:
+        self._begin = begin
+        self._running = running
+        self._stop = stop
+        self._move: Move | None = None
+
+    async def __aenter__(self) -> Setpoint:
+        started = asyncio.Event()
+        self._move, setpoint = self._begin(started.set)
+        self._move.add_done_callback(lambda _: started.set())
+        try:
+            await started.wait()
+        except BaseException:
+            self._move.cancel()
+            self._move.seen = True
+            raise
+        if self._move.done():
+            await self._move.wait()
+        return setpoint
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        move = self._move
+        assert move is not None
+        try:
+            if error is None:
+                for each in self._running:
+                    each.end()
+                await move.wait()
+        except MoveCancelled:
+            pass  # somebody stopped it
+        except BaseException as why:
+            if not isinstance(why, BusError):
+                self._stop()
+            raise
+        finally:
+            if error is not None and not move.done():
+                self._stop()
+            move.seen = True
+        return False

@@ -1,0 +1,303 @@
+"""Tells an axis speeds, of which the newest counts. Nothing queues, and nothing but the wire delays it.
+
+One frame waits at most, and a newer speed takes its place. The ramp is made here, in small steps, so that it is kept
+whatever a drive makes of a new speed under way; each step is told with that ramp, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.failure import failure
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.standstill import NEVER
+from rs485bus.motion.state import Fact
+from rs485bus.wire.frames import Request
+
+STEP = 0.04
+"""Seconds between two steps of a ramp."""
+_AGAIN = 0.05
+"""Seconds after which a speed is told again whose answer may have been that to another one."""
+_FOREVER = float("inf")
+_NO_MORE = (Reason.STOPPED, Reason.EMERGENCY, Reason.LATCHED, Reason.LOCKED, Reason.UNPLUGGED, Reason.CLOSED)
+"""Why nothing can be told any more."""
+
+
+class Turns:
+    """Whose turn it is, where streams share a bus with others: after a set-point somebody else may go first."""
+
+    def __init__(self) -> None:
+        self.last: Job | None = None
+        """The set-point that was sent last."""
+
+    def urgency(self, bus: Bus) -> Urgency:
+        """How urgent the next set-point is."""
+        flight, last = bus.owner.journal.flight, self.last
+        mine = bool(flight) and last is not None and flight[-1].sent_at == last.sent_at
+        return Urgency.COMMAND if mine else Urgency.CONFIRM
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """What a stream keeps to. Speeds are rpm in the drive's direction, positions its counts."""
+
+    acceleration: float
+    """rpm/s, up and down."""
+    timeout: float
+    """Seconds after which a set-point is too old."""
+    highest: float
+    """The highest speed."""
+    counts_per_turn: int
+    limits: tuple[int, int] | None = None
+    """The lowest and highest position; None for no limit."""
+
+
+@dataclass(slots=True)
+class Told:
+    """What was told last."""
+
+    rpm: float
+    at: float
+    """When."""
+    sure: bool = True
+    """The drive has acknowledged it, by an answer that can be to nothing else."""
+    same_way_since: float = NEVER
+    """Since when it is told to turn the way in which it is to turn now, or to stand."""
+    delay: float = 0.0
+    """How old the newest set-point was when its frame was sent, in seconds."""
+
+
+class Streamer:
+    """Tells one axis speeds.
+
+    Args:
+        bus: the bus its drive is on.
+        drive: its drive.
+        axis: which one of the drive it is.
+        terms: what it keeps to.
+        rpm: how fast it turns already.
+        noticed: called when something has happened that is no error, with what.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        drive: Drive,
+        axis: int,
+        terms: Terms,
+        rpm: float,
+        noticed: Callable[[str], None],
+    ) -> None:
+        self.told = Told(rpm, bus.now() - STEP)
+        self.ended = False
+        """It is slowing down to a stand, for good."""
+        self.refused = ""
+        """Why the drive refuses what it is told."""
+        self._bus = bus
+        self._drive = drive
+        self._axis = axis
+        self._terms = terms
+        self._noticed = noticed
+        self._state = drive.state.axes[axis]
+        self._unit = bus.owner.units[drive.address]
+        self._turns = bus.keep(Turns, Turns)
+        self._wanted, self._wanted_at = rpm, bus.now()
+        self._is_new = False
+        """No frame was sent since the newest set-point."""
+        self._expired = False
+        self._job: Job | None = None
+        self._frames: Sequence[Request] = ()
+        """What tells the speed that is being told, or was told last."""
+        self._next = rpm
+        """That speed."""
+        self._rest: deque[Request] = deque()
+        """What of that was not sent yet."""
+        self._is_unmistakable = True
+        """No older answer can be taken for the one to the frame that was sent last."""
+        self._not_before = NEVER
+        self._wakes_at = _FOREVER
+        self._over = False
+        self._state.ramp_stop = self._setpoint(0.0)[-1]
+        self._go_on()
+
+    def want(self, rpm: float) -> None:
+        """A new set-point."""
+        self._wanted = math.copysign(min(abs(rpm), self._terms.highest), rpm)
+        self._wanted_at = self._bus.now()
+        self._is_new, self._expired = True, False
+        self._go_on()
+
+    def end(self) -> None:
+        """Slow down to a stand, for good."""
+        self.ended = True
+        self._go_on()
+
+    def close(self) -> None:
+        """Tell no more."""
+        self._over = True
+
+    def hold(self, seconds: float) -> None:
+        """Tell nothing for a while."""
+        self._not_before = self._bus.now() + seconds
+        self._wake_at(self._not_before)
+
+    def insist(self) -> None:
+        """Say it again: it was seen not to have been heard."""
+        self.told.sure = False
+        self._go_on()
+
+    @property
+    def stands_at(self) -> float:
+        """When it should stand, if it was told to; infinity if it was not."""
+        return _FOREVER if self.told.rpm else self.told.at + STEP + self._state.ramp_takes
+
+    # Which speed is told next
+
+    def _go_on(self) -> None:
+        """Tell the next step, if there is one."""
+        now = self._bus.now()
+        if self._over or now < self._not_before:
+            return
+        target = self._target(now)
+        step = self._step(target, now)
+        if self._job is not None:
+            self._renew(step)
+        elif step == self.told.rpm and self.told.sure:
+            self._is_new = False
+            self._wake_at(self._changes_at(now, step != target))
+        elif step != target and not self._is_new and self.told.sure and now < self.told.at + STEP - 1e-6:
+            self._wake_at(self.told.at + STEP)
+        else:
+            self._tell(step, now)
+
+    def _target(self, now: float) -> float:
+        """The speed that counts now."""
+        if self.ended:
+            return 0.0
+        if now < self._expires_at:
+            return self._within_limits(self._wanted, now)
+        if not self._expired:
+            self._expired = True
+            if self._wanted:
+                self._noticed(f"no set-point came for {self._terms.timeout:g} s: it was stopped by its ramp")
+        return 0.0
+
+    def _within_limits(self, rpm: float, now: float) -> float:
+        """The speed from which it still comes to a stand before a limit: by where it was, how old that is, and two
+        attempts to tell it that fail."""
+        limits, position = self._terms.limits, self._state.last(Fact.POSITION)
+        if limits is None or not rpm or position.value is None:
+            return rpm
+        ahead = limits[1] - position.value if rpm > 0 else position.value - limits[0]
+        speed = max(abs(self.told.rpm), abs(self._state.last(Fact.SPEED).value or 0.0))
+        blind = now - position.at + 2 * self._unit.reply_timeout
+        room = ahead / self._terms.counts_per_turn - speed / 60 * blind
+        return math.copysign(min(abs(rpm), math.sqrt(max(0.0, 120 * self._terms.acceleration * room))), rpm)
+
+    def _step(self, target: float, now: float) -> float:
+        """The next speed on the way to one. Through zero it comes to a stand first."""
+        told = self.told.rpm
+        target = 0.0 if told * target < 0 else target
+        change = self._terms.acceleration * min(max(now - self.told.at, 0.0), 2 * STEP)
+        return target if abs(target - told) <= change else told + math.copysign(change, target - told)
+
+    # Telling it
+
+    def _setpoint(self, rpm: float) -> Sequence[Request]:
+        return self._drive.setpoint(self._axis, rpm, self._terms.acceleration, afresh=not self.told.sure)
+
+    def _renew(self, rpm: float) -> None:
+        """Have the frame that waits say the newest speed, if it is the first one of a speed."""
+        assert self._job is not None
+        if self._job.request is not self._frames[0] or self._job.attempts:
+            return
+        frames = self._setpoint(rpm)
+        if self._bus.replace(self._job, frames[0]):
+            self._frames, self._rest, self._next = frames, deque(frames[1:]), rpm
+
+    def _tell(self, rpm: float, now: float) -> None:
+        frames = self._setpoint(rpm)
+        if list(frames) == list(self._frames) and self.told.sure:
+            # The drive cannot be told so small a step.
+            self.told.rpm, self.told.at, self._is_new = rpm, now, False
+            self._wake_at(now + STEP)
+            return
+        self._frames, self._rest, self._next = frames, deque(frames[1:]), rpm
+        self._submit(frames[0])
+
+    def _submit(self, request: Request) -> None:
+        self._is_unmistakable = not self._unit.late.must_wait(request)
+        self._job = Job(
+            request,
+            urgency=self._turns.urgency(self._bus),
+            retries=0,
+            moves=True,
+            motion=self._state.motion,
+            ignores_late_replies=True,
+            on_end=self._answered,
+        )
+        self._bus.submit(self._job)
+
+    def _answered(self, job: Job) -> None:
+        self._job = None
+        if self._over:
+            return
+        if job.attempts:
+            self._turns.last = job
+            if job.request is self._frames[0]:
+                self._was_sent(job.sent_at)
+        now, refused = self._bus.now(), job.outcome is Outcome.REFUSED
+        stood = refused and job.code is None and not self._next  # there was nothing to stop
+        if refused and not stood:
+            self.close()
+            self.refused = str(failure(job, self._bus.flight, self._drive.family))
+            self._drive.state.tell()  # it is found out why
+        elif job.outcome is Outcome.NOT_SENT and job.reason in _NO_MORE:
+            self.close()  # who has ended it tells
+        elif job.outcome is Outcome.REPLY and self._rest:
+            self._submit(self._rest.popleft())
+        else:
+            answered = job.outcome is Outcome.REPLY or stood
+            self.told.sure = answered and self._is_unmistakable
+            if (answered and not self.told.sure) or not job.attempts:
+                self.hold(_AGAIN)
+            else:
+                self._not_before = now
+                self._go_on()
+
+    def _was_sent(self, at: float) -> None:
+        """The first frame of a speed went out."""
+        told = self.told
+        if self._next * told.rpm <= 0:
+            told.same_way_since = at
+        told.rpm, told.at = self._next, at
+        self._state.ramp_takes = abs(self._next) / self._terms.acceleration
+        if self._is_new and self._wanted_at <= at:
+            told.delay, self._is_new = at - self._wanted_at, False
+
+    # Time
+
+    @property
+    def _expires_at(self) -> float:
+        return self._wanted_at + self._terms.timeout
+
+    def _changes_at(self, now: float, on_its_way: bool) -> float:
+        """When another speed may count though no set-point comes."""
+        if self.ended or self._expired:
+            return now + STEP if on_its_way else _FOREVER
+        limited = self._terms.limits is not None and self._wanted
+        return min(self._expires_at, now + STEP if on_its_way or limited else _FOREVER)
+
+    def _wake_at(self, when: float) -> None:
+        if when < self._wakes_at - 1e-4 and when < _FOREVER:
+            self._wakes_at = when
+            self._bus.call_at(when, self._wake)
+
+    def _wake(self) -> None:
+        self._wakes_at = _FOREVER
+        self._go_on()

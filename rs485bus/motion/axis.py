@@ -638,7 +638,7 @@ class Axis:
 
     def _notice_stale(self, what: str) -> None:
         _log.warning("%s: %s", self.name, what)
-        self._events.tell(Event(EventKind.STALE, self.name, self.bus.now(), what))
+        self._events.tell(EventKind.STALE, what)
 
     def _starts_from(self, counts: int) -> float:
         """Where a relative move starts: at the last target if that was reached, else where the axis stands."""

@@ -120,6 +120,10 @@ class Axis:
         self._queue = self._stops.queue
         self._executor = MoveExecutor(bus, drive, number, name, self._stops, supervisor)
         self._given_tolerance = None if tolerance is None else whole("tolerance", tolerance, 0)
+        self._runs: list[Move] = []
+        """Those that another one may replace."""
+        self._is_warned = False
+        """It was said that nothing watches its drive."""
         self._planned: float | None = None
         """Where the queue will have taken it, in units, if that is known."""
         self._exact: float | None = None
@@ -174,13 +178,22 @@ class Axis:
         """
         return self._go(self._pace(rpm, acceleration), self.goal_by(distance))
 
-    def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
+    def run(
+        self,
+        rpm: float,
+        *,
+        acceleration: float | None = None,
+        duration: float | None = None,
+        replace: bool = False,
+    ) -> Move:
         """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
 
         Args:
             rpm: the speed; its sign is the direction, and 0 slows down to a stand.
             acceleration: in rpm/s; infinity for a jump.
             duration: seconds; None to go on until told otherwise.
+            replace: do not wait until the speeds are reached that were told before. Such a run ends as done; one that
+                has not begun is cancelled. For more than a few there is `stream`.
 
         Raises:
             LimitExceeded, TypeError: as `move_to`.
@@ -189,7 +202,7 @@ class Axis:
         parameters = self._pace(abs(rpm) or None, acceleration)
         duration = None if duration is None else self._number("duration", duration)
         ticks = None if duration is None else self._ability.ticks(duration)
-        return self._run_at(rpm, parameters, duration, ticks)
+        return self._run_at(rpm, parameters, duration, ticks, replace=replace)
 
     def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> Stream:
         """Turn at speeds that are told as they come: `async with axis.stream() as setpoint: setpoint(90.0)`.
@@ -210,6 +223,7 @@ class Axis:
         if rate <= 0:
             raise LimitExceeded(f"{self.name}: acceleration {rate:g} rpm/s is not above 0")
         running: list[Streamer] = []
+        self._warn_unwatched()
 
         def begin(started: Callable[[], None]) -> tuple[Move, Setpoint]:
             move = self._new_move("stream", None)
@@ -321,11 +335,25 @@ class Axis:
         """Queue a plan that sets nothing in motion."""
         return self._order(what, lambda: self._executor.carry(plan))
 
-    def _run_at(self, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None) -> Move:
+    def _run_at(
+        self,
+        rpm: float,
+        parameters: MotionParameters,
+        duration: float | None,
+        ticks: int | None,
+        *,
+        replace: bool,
+    ) -> Move:
         """Queue a run that was checked."""
         signed = self._sign * math.copysign(parameters.rpm, rpm) if rpm else 0.0
         move = self._new_move(f"run at {rpm:g} rpm", None)
         self._planned = None
+        self._warn_unwatched()
+        if replace:
+            self._replace_runs()
+        self._runs = [run for run in self._runs if not run.done()]
+        if duration is None:
+            self._runs.append(move)
         self._queue.add(move, lambda: self._run(move, signed, parameters, duration, ticks))
         return move
 
@@ -367,6 +395,24 @@ class Axis:
 
         self._queue.add(move, carry_out)
         return move
+
+    def _replace_runs(self) -> None:
+        """Wait no longer for the runs that were asked for before."""
+        for run in self._runs:
+            if self._queue.current is run:
+                self._executor.overtake()
+            else:
+                self._queue.remove(run, MoveCancelled(f"{run.what} was replaced before it began."))
+
+    def _warn_unwatched(self) -> None:
+        """Warn once where nothing stops the motor if this program dies."""
+        if self._drive.watchdog is None and not self._is_warned:
+            self._is_warned = True
+            _log.warning(
+                "%s has no watchdog: nothing stops it if this program dies while it runs. Have a safety relay cut its "
+                "power that something else watches",
+                self.name,
+            )
 
     def _was_interrupted(self, unheard: float, reason: str) -> None:
         """The bus stopped the drive for safety, or lost it."""

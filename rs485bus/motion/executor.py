@@ -88,6 +88,7 @@ class MoveExecutor:
         self.carry = self._carrier.carry
         self._change: Change | None = None
         self._wake = asyncio.Event()
+        self._overtaken = False
         self._told: Told = lambda verdict, error: None
         supervisor.watch(axis, name, self._on_trouble, stops.tell)
 
@@ -203,6 +204,7 @@ class MoveExecutor:
     ) -> None:
         """Change to a speed, in the drive's direction: until that is reached; for a time, until it stands again."""
         move.rpm, move.acceleration = abs(rpm), parameters.acceleration
+        self._overtaken = False
         task = Task(move, start=await self.ready(standing=False), rpm=rpm, before=await self._speed())
         since = self._state.known(Fact.POSITION).at
         await self._set_off(task, lambda: self._drive.run(self._axis, rpm, parameters, ticks))
@@ -229,6 +231,12 @@ class MoveExecutor:
                 f"{self._name} went {went:.3f} turns in its {self._short(move)} for {duration:g} s, and should have "
                 f"gone {wanted:.3f}. {self._drive.what_else(self._axis)}"
             )
+
+    def overtake(self) -> None:
+        """Do not wait for the speed of the run that is carried out: another one follows."""
+        self._overtaken = True
+        if isinstance(self._supervisor.course(self._axis), RunCourse):
+            self._told(Verdict.REACHED, None)
 
     async def stream(self, move: Move, begin: Callable[[float], Course], *, by_reference: bool) -> int:
         """Have it follow speeds that are told as they come, from the one on that it has; where that ended."""
@@ -357,6 +365,8 @@ class MoveExecutor:
                 self._on_trouble(error)
 
         self._told = told
+        if self._overtaken and isinstance(course, RunCourse) and course.keeps:
+            ended.append((Verdict.REACHED, None))
         self._supervisor.follow(self._axis, course, told)
         while not ended:
             await self._wake.wait()

@@ -79,8 +79,10 @@ class StreamCourse(Course):
         return Verdict.DOUBTFUL if self._stays() else Verdict.GOES_ON
 
     def due(self, fact: Fact) -> float:
-        if not self._streamer.told.rpm and not self.state.stands:
-            return self._due_at_end(fact, self._streamer.stands_at, _LOOK_AGAIN)
+        if not self._streamer.told.rpm and self._streamer.told.sure and not self.state.stands:
+            soon = self._due_at_end(fact, self._streamer.stands_at, _LOOK_AGAIN)
+            late = self._is_overdue(self._streamer.stands_at + _LOOK_AGAIN)
+            return max(soon, self.state.last(fact).at + _LOOK_AGAIN) if late else soon
         if fact is Fact.SPEED:
             return self.state.last(fact).at + min(self.interval, _LOOK_AGAIN * 5)
         return _FOREVER
@@ -122,7 +124,8 @@ class Setpoint:
         self._sign = sign
         self._state = state
         self._running = running
-        self._check = check
+        self.check = check
+        """Raises what is no speed."""
 
     def __call__(self, rpm: float) -> None:
         """Turn at a speed from now on; 0 to stand. It replaces the one before, and never waits.
@@ -133,7 +136,7 @@ class Setpoint:
             LimitExceeded, TypeError: it is no speed.
             MotionError, RequestFailed: what has ended the stream.
         """
-        rpm = self._check(rpm)
+        rpm = self.check(rpm)
         if self._move.error is not None:
             self._move.seen = True
             raise self._move.error
@@ -177,6 +180,16 @@ class Stream:
         self._running = running
         self._stop = stop
         self._move: Move | None = None
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended, or was not entered."""
+        return self._move is None or self._move.done()
+
+    def on_end(self, callback: Callable[[Exception | None], object]) -> None:
+        """Have `callback` called when it ends, with its failure if it has failed."""
+        assert self._move is not None
+        self._move.add_done_callback(lambda move: callback(move.error))
 
     async def __aenter__(self) -> Setpoint:
         started = asyncio.Event()

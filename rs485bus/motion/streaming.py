@@ -111,7 +111,7 @@ class Streamer:
         """No frame was sent since the newest set-point."""
         self._expired = False
         self._job: Job | None = None
-        self._frames: Sequence[Request] = ()
+        self._frames: Sequence[Request] = () if rpm else self._setpoint(0.0)
         """What tells the speed that is being told, or was told last."""
         self._next = rpm
         """That speed."""
@@ -194,10 +194,14 @@ class Streamer:
         if limits is None or not rpm or position.value is None:
             return rpm
         ahead = limits[1] - position.value if rpm > 0 else position.value - limits[0]
+        ahead -= 2 * self._state.rule.same
         speed = max(abs(self.told.rpm), abs(self._state.last(Fact.SPEED).value or 0.0))
-        blind = now - position.at + 2 * self._unit.reply_timeout
-        room = ahead / self._terms.counts_per_turn - speed / 60 * blind
-        return math.copysign(min(abs(rpm), math.sqrt(max(0.0, 120 * self._terms.acceleration * room))), rpm)
+        age, ramp = now - position.at, self._terms.acceleration
+        gone = speed * (age + 2 * self._unit.reply_timeout + STEP)
+        if math.isfinite(ramp):
+            gone += ramp * age * age / 2  # it may have been faster then
+        room = max(0.0, ahead / self._terms.counts_per_turn - gone / 60)
+        return math.copysign(min(abs(rpm), math.sqrt(120 * ramp * room) if room else 0.0), rpm)
 
     def _step(self, target: float, now: float) -> float:
         """The next speed on the way to one. Through zero it comes to a stand first."""
@@ -252,7 +256,8 @@ class Streamer:
             if job.request is self._frames[0]:
                 self._was_sent(job.sent_at)
         now, refused = self._bus.now(), job.outcome is Outcome.REFUSED
-        stood = refused and job.code is None and not self._next  # there was nothing to stop
+        # One that refuses to stop in its own way says that it stands.
+        stood = refused and job.code is None and job.request.adu == self._setpoint(0.0)[0].adu
         if refused and not stood:
             self.close()
             self.refused = str(failure(job, self._bus.flight, self._drive.family))

@@ -297,7 +297,7 @@ class MksDrive(Drive):
 
     def setpoint(self, axis: int, rpm: float, acceleration: float, *, afresh: bool) -> Sequence[Request]:
         speed, ramp = self._ability.slower(rpm), self._ability.gentler(acceleration)
-        return (write_block(self.address, r.RUN, self.direction(rpm), ramp, speed),)
+        return (write_block(self.address, r.RUN, self.direction(rpm if speed else 0), ramp, speed),)
 
     def start(
         self, request: Request, stop: Request | None, parameters: MotionParameters, *, once: bool = False

@@ -220,6 +220,7 @@ class TlrStepper(TlrSetup):
         acceleration: float | None = None,
         deceleration: float | None = None,
         duration: float | None = None,
+        replace: bool = False,
     ) -> Move:
         """Turn at a speed. As `Axis.run`, with a ramp down of its own, as `move_to`.
 
@@ -232,7 +233,7 @@ class TlrStepper(TlrSetup):
             parameters = self._last_run or parameters  # a jog slows down as it was told when it began
         if duration is None or not speed:
             self._last_run = parameters
-            return self._run_at(speed, parameters, None, None)
+            return self._run_at(speed, parameters, None, None, replace=replace)
         seconds = self._number("duration", duration)
         self._ability.ticks(seconds)
         turns = math.copysign(_turns_in(parameters, seconds), self._sign * speed)

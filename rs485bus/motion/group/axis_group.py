@@ -12,6 +12,7 @@ from rs485bus.bus.handle import Handle
 from rs485bus.errors import LimitExceeded, MoveCancelled, NotSupported
 from rs485bus.motion.group.execution import GroupExecution, Wish
 from rs485bus.motion.group.member import GroupAxis
+from rs485bus.motion.group.streams import GroupStream, StreamAxis
 from rs485bus.motion.move import Cancellable, Move, MoveState, MoveTarget
 
 T = TypeVar("T")
@@ -187,6 +188,25 @@ class AxisGroup:
     def move_by(self, *, duration: float | None = None, rpm: float | None = None, **distances: float) -> GroupMove:
         """Send axes a distance each. Arguments and errors as for `move_to`."""
         return self._go(distances, lambda axis, by: axis.goal_by(by), duration, rpm)
+
+    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> GroupStream:
+        """Turn all axes at speeds that are told as they come: `async with group.stream() as setpoint:
+        setpoint(x=90.0, y=-30.0)`. Where one axis fails, all are stopped.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            acceleration: the ramps of all, in rpm/s; None for each axis' own.
+
+        Raises:
+            NotSupported: one of them cannot be told speeds in a stream.
+            LimitExceeded, TypeError: an argument is out of its range, or no number.
+        """
+        able = {name: axis for name, axis in self.axes.items() if isinstance(axis, StreamAxis)}
+        if len(able) < len(self.axes):
+            names = ", ".join(axis.name for name, axis in self.axes.items() if name not in able)
+            raise NotSupported(f"{names} cannot be told speeds in a stream.")
+        streams = {name: axis.stream(timeout=timeout, acceleration=acceleration) for name, axis in able.items()}
+        return GroupStream(able, streams)
 
     def home(self) -> HandleOfSeveral[float]:
         """Find the origins of all axes, at once, each as its drive is set up for. All are waited for.

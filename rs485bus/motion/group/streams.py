@@ -1,0 +1,114 @@
+"""Set-points for axes together: one call tells all of them, and where one fails all stop."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from contextlib import AsyncExitStack
+from types import TracebackType
+from typing import Protocol, runtime_checkable
+
+from rs485bus.bus.handle import Handle
+from rs485bus.errors import BusError, MoveCancelled
+from rs485bus.motion.setpoints import Setpoint, Stream
+
+
+@runtime_checkable
+class StreamAxis(Protocol):
+    """An axis that can be told a stream of speeds."""
+
+    name: str
+
+    def stream(self, *, timeout: float = ..., acceleration: float | None = ...) -> Stream:
+        """Turn at speeds that are told as they come."""
+
+    def stop(self) -> Handle[None]:
+        """Stop it with its ramp."""
+
+
+class GroupSetpoint:
+    """What a stream of several axes is told: `setpoint(x=90.0, y=-30.0)`. Speeds are rpm.
+
+    Args:
+        parts: the set-point of each axis, by name.
+    """
+
+    def __init__(self, parts: Mapping[str, Setpoint]) -> None:
+        self._parts = parts
+        self.error: Exception | None = None
+        """What has ended it."""
+
+    def __call__(self, **rpm: float) -> None:
+        """Have the axes that are named turn at these speeds from now on. Those that are not named keep theirs, until
+        they are too old.
+
+        Raises:
+            TypeError: there is no axis of that name, or it is no number.
+            LimitExceeded: it is no speed. Nothing is told then.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        unknown = [name for name in rpm if name not in self._parts]
+        if unknown or not rpm:
+            raise TypeError(f"name the axes to be told a speed; there are {', '.join(self._parts)}, not {unknown}")
+        if self.error is not None:
+            raise self.error
+        for name, speed in rpm.items():
+            self._parts[name].check(speed)
+        for name, speed in rpm.items():
+            self._parts[name](speed)
+
+    @property
+    def sent(self) -> dict[str, float]:
+        """The speeds that were told last, in rpm."""
+        return {name: part.sent for name, part in self._parts.items()}
+
+    @property
+    def measured(self) -> dict[str, float | None]:
+        """The speeds that were last seen, in rpm."""
+        return {name: part.measured for name, part in self._parts.items()}
+
+
+class GroupStream:
+    """A stream for several axes: `async with group.stream() as setpoint: setpoint(x=90.0, y=-30.0)`.
+
+    Args:
+        axes: the axes, by name.
+        streams: theirs.
+    """
+
+    def __init__(self, axes: Mapping[str, StreamAxis], streams: Mapping[str, Stream]) -> None:
+        self._axes = axes
+        self._streams = streams
+        self._stack = AsyncExitStack()
+        self._setpoint: GroupSetpoint | None = None
+
+    async def __aenter__(self) -> GroupSetpoint:
+        async with AsyncExitStack() as stack:
+            parts = {name: await stack.enter_async_context(stream) for name, stream in self._streams.items()}
+            self._setpoint = GroupSetpoint(parts)
+            self._stack = stack.pop_all()
+        for stream in self._streams.values():
+            stream.on_end(self._ended)
+        return self._setpoint
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        setpoint = self._setpoint
+        assert setpoint is not None
+        try:
+            return await self._stack.__aexit__(kind, error, trace)
+        finally:
+            if setpoint.error is not None and error is None:
+                raise setpoint.error
+
+    def _ended(self, error: Exception | None) -> None:
+        """The stream of one axis has ended: where that was not meant, the others are stopped."""
+        setpoint = self._setpoint
+        if error is None or isinstance(error, MoveCancelled) or setpoint is None or setpoint.error is not None:
+            return
+        setpoint.error = error
+        for axis, stream in zip(self._axes.values(), self._streams.values(), strict=True):
+            if not stream.over:
+                with contextlib.suppress(BusError):  # one that cannot be stopped must not keep the others from it
+                    axis.stop()

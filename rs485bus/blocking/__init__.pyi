@@ -13,6 +13,7 @@ from rs485bus.bus.functions import RequestOptions
 from rs485bus.bus.port_urls import Backend
 from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.recording import Recording
+from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.bus.watchdog.report import WatchReport
@@ -34,6 +35,7 @@ from rs485bus.motion.move import MoveState
 from rs485bus.motion.sample import AxisSample
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
+from rs485bus.wire.frames import Request
 from rs485bus.wire.private import Reply
 from rs485bus.wire.registers import Register
 from rs485bus.wire.timing import LineSettings, Parity
@@ -132,13 +134,15 @@ class Axis:
     def position(self) -> float:
         """Where the axis is, in its units."""
         ...
-    def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
+    def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None, replace: bool = False) -> Move:
         """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
 
         Args:
             rpm: the speed; its sign is the direction, and 0 slows down to a stand.
             acceleration: in rpm/s; infinity for a jump.
             duration: seconds; None to go on until told otherwise.
+            replace: do not wait until the speeds are reached that were told before. Such a run ends as done; one that
+                has not begun is cancelled. For more than a few there is `stream`.
 
         Raises:
             LimitExceeded, TypeError: as `move_to`.
@@ -167,6 +171,21 @@ class Axis:
         Raises:
             StopUnconfirmed: when it is awaited: the axis could not be seen standing after three stops, or while the
                 port was away. It is stopped further on.
+        """
+        ...
+    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> SetpointStream:
+        """Turn at speeds that are told as they come: `async with axis.stream() as setpoint: setpoint(90.0)`.
+
+        The newest set-point counts and goes out as soon as the wire allows; nothing queues. One that is too old stops
+        the motor by its ramp; that is no error, and the next one goes on. Leaving the block stops, too. It joins the
+        queue: what was asked for before is done first. `limits` hold.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            acceleration: the ramp up and down, in rpm/s; None for the axis' own, infinity for a jump.
+
+        Raises:
+            LimitExceeded, TypeError: one of them is out of its range, or no number.
         """
         ...
     tolerance: int
@@ -235,6 +254,19 @@ class AxisGroup:
         ...
     def stop(self) -> HandleOfSeveral[None]:
         """Stop all axes, with their ramps; see them stand, and drop what is queued. It happens at once."""
+        ...
+    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> GroupStream:
+        """Turn all axes at speeds that are told as they come: `async with group.stream() as setpoint:
+        setpoint(x=90.0, y=-30.0)`. Where one axis fails, all are stopped.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            acceleration: the ramps of all, in rpm/s; None for each axis' own.
+
+        Raises:
+            NotSupported: one of them cannot be told speeds in a stream.
+            LimitExceeded, TypeError: an argument is out of its range, or no number.
+        """
         ...
 
 class Both(Generic[T]):
@@ -406,6 +438,9 @@ class Bus:
             ValueError: there is a file that is no capture, or an argument is out of its range.
             OSError: the file cannot be written.
         """
+        ...
+    def replace(self, job: Job, request: Request) -> bool:
+        """Have a job that waits, and was never sent, say something newer to its device. False if it is too late."""
         ...
     @property
     def stats(self) -> BusStats:
@@ -864,6 +899,16 @@ class GroupMove(Cancellable[dict[str, float]]):
             TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
         """
         ...
+
+class GroupStream:
+    """A stream for several axes: `async with group.stream() as setpoint: setpoint(x=90.0, y=-30.0)`.
+
+    Args:
+        axes: the axes, by name.
+        streams: theirs.
+    """
+    def __enter__(self) -> Self: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
 
 class HandleOfSeveral(Generic[T]):
     """One command of each axis of a group. Awaiting it gives what comes of each, by name.
@@ -1325,6 +1370,24 @@ class Paths(Table[Path]):
         """Whether a trigger interrupts a positioning under way, as shipped, or is ignored (3.2.2)."""
         ...
 
+class SetpointStream:
+    """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
+
+    Args:
+        begin: queues it; it gives the stream as a command, and the set-point.
+        running: what tells the speeds, once it does.
+        stop: stops the axis.
+    """
+    def on_end(self, callback: Callable[[Exception | None], object]) -> None:
+        """Have `callback` called when it ends, with its failure if it has failed."""
+        ...
+    @property
+    def over(self) -> bool:
+        """Whether it has ended, or was not entered."""
+        ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+
 class SpeedPaths(Table[SpeedPath]):
     """The 16 speed paths.
 
@@ -1495,7 +1558,7 @@ class TlrStepper(TlrSetup):
             MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
         """
         ...
-    def run(self, rpm: float, *, acceleration: float | None = None, deceleration: float | None = None, duration: float | None = None) -> Move:
+    def run(self, rpm: float, *, acceleration: float | None = None, deceleration: float | None = None, duration: float | None = None, replace: bool = False) -> Move:
         """Turn at a speed. As `Axis.run`, with a ramp down of its own, as `move_to`.
 
         The drive knows no time, and does not notice when nobody is there to stop it: for a `duration` it is sent to

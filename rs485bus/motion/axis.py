@@ -28,7 +28,7 @@ from rs485bus.motion.move import Move, MoveState, MoveTarget
 from rs485bus.motion.parameters import MotionParameters, quickest
 from rs485bus.motion.plan import Plan
 from rs485bus.motion.sample import AxisSample
-from rs485bus.motion.setpoints import Setpoint, Stream, StreamCourse
+from rs485bus.motion.setpoints import Setpoint, SetpointStream, StreamCourse
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.streaming import Streamer, Terms
@@ -204,7 +204,7 @@ class Axis:
         ticks = None if duration is None else self._ability.ticks(duration)
         return self._run_at(rpm, parameters, duration, ticks, replace=replace)
 
-    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> Stream:
+    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> SetpointStream:
         """Turn at speeds that are told as they come: `async with axis.stream() as setpoint: setpoint(90.0)`.
 
         The newest set-point counts and goes out as soon as the wire allows; nothing queues. One that is too old stops
@@ -231,7 +231,7 @@ class Axis:
             self._queue.add(move, lambda: self._stream(move, running, seconds, rate, started))
             return move, Setpoint(move, self._sign, self._state, running, lambda rpm: self._number("set-point", rpm))
 
-        return Stream(begin, running, self.stop)
+        return SetpointStream(begin, running, self.stop)
 
     def set_zero(self) -> Handle[None]:
         """Make the position at which the axis then stands its zero."""

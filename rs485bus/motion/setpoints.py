@@ -161,7 +161,7 @@ class Setpoint:
         return self._running[0].told.delay if self._running else 0.0
 
 
-class Stream:
+class SetpointStream:
     """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
 
     Args:

@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, MoveCancelled
-from rs485bus.motion.setpoints import Setpoint, Stream
+from rs485bus.motion.setpoints import Setpoint, SetpointStream
 
 
 @runtime_checkable
@@ -19,7 +19,7 @@ class StreamAxis(Protocol):
 
     name: str
 
-    def stream(self, *, timeout: float = ..., acceleration: float | None = ...) -> Stream:
+    def stream(self, *, timeout: float = ..., acceleration: float | None = ...) -> SetpointStream:
         """Turn at speeds that are told as they come."""
 
     def stop(self) -> Handle[None]:
@@ -76,7 +76,7 @@ class GroupStream:
         streams: theirs.
     """
 
-    def __init__(self, axes: Mapping[str, StreamAxis], streams: Mapping[str, Stream]) -> None:
+    def __init__(self, axes: Mapping[str, StreamAxis], streams: Mapping[str, SetpointStream]) -> None:
         self._axes = axes
         self._streams = streams
         self._stack = AsyncExitStack()

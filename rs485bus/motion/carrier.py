@@ -258,7 +258,7 @@ class PlanCarrier:
         state.ramp_stop, state.ramp_takes = step.stop, step.stopping
         self._supervisor.begin(self._axis)
         task.begun = True
-        move.started_at = self._bus.now()
+        begun = move.started_at = self._bus.now()
         try:
             return await self._bus.ask(
                 step.request, repeat=step.repeat, moves=True, motion=state.motion, slot=task.slot
@@ -267,7 +267,7 @@ class PlanCarrier:
             await self._settle(step, task, unknown)
             return b""
         finally:
-            move.started_at = max(move.started_at, state.motion.commanded_at)
+            move.started_at = state.motion.commanded_at if state.motion.commanded_at >= begun else None
 
     async def _settle(self, step: Start, task: Task, unknown: OutcomeUnknown) -> None:
         """See whether a start was taken whose answer was lost. Raises `_NotTaken` if it was not."""
@@ -276,6 +276,7 @@ class PlanCarrier:
             await self._ask_after(step, task)
             taken = self._was_taken(step, task)
         except RequestFailed as error:
+            self._stumble()
             if isinstance(error, NoReply | DeviceOffline) and not self._drive.tells_restarts:
                 state.suspect("its drive did not say whether it took its last move, and may have restarted.")
             if task.start is not None:
@@ -298,8 +299,9 @@ class PlanCarrier:
                 await self._knowledge.stands()
                 return
             except NoReply:
-                # A drive that restarts is away for a moment; what it says then tells that it did.
-                if self._bus.now() > patience:
+                # A drive that restarts is away for a moment; what it says then tells that it did. But others that have
+                # started with it do not go on alone.
+                if self._bus.now() > patience or task.slot is not None:
                     raise
                 await anyio.sleep(_ASK_AGAIN)
 

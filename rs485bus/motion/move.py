@@ -127,14 +127,20 @@ class Move(Cancellable[float]):
         Raises:
             MotionError: what the move raises.
         """
-        while not self.done():
-            yield await self._position()
-            ended = asyncio.ensure_future(self.wait())
-            try:
-                await asyncio.wait([ended], timeout=every)
-            finally:
-                if ended.done():
-                    ended.exception()  # it is raised below
-                else:
-                    ended.cancel()
-        yield await self.wait()
+        async for at in positions_until(self, self._position, every):
+            yield at
+
+
+async def positions_until(handle: Handle[T], ask: Callable[[], Awaitable[T]], every: float) -> AsyncIterator[T]:
+    """What somebody says who is asked about every so many seconds until a command has ended; last, what came of it."""
+    while not handle.done():
+        yield await ask()
+        ended = asyncio.ensure_future(handle.wait())
+        try:
+            await asyncio.wait([ended], timeout=every)
+        finally:
+            if ended.done():
+                ended.exception()  # it is raised below
+            else:
+                ended.cancel()
+    yield await handle.wait()

@@ -73,8 +73,9 @@ def quickest(axis: Tellable, highest: float) -> MotionParameters:
     """The quickest pace at up to so many rpm."""
     lowest = axis.lowest_acceleration(highest)
     if lowest > axis.acceleration:
-        highest = max(1, math.floor(highest * axis.acceleration / lowest / axis.rpm_step)) * axis.rpm_step
-    return axis.position_pace(highest, axis.acceleration)
+        highest = highest * axis.acceleration / lowest
+    steps = max(1, math.floor(highest / axis.rpm_step + _CLOSE))
+    return axis.position_pace(steps * axis.rpm_step, axis.acceleration)
 
 
 def slowest(axis: Tellable) -> MotionParameters:

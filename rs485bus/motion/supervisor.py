@@ -209,7 +209,10 @@ class Supervisor:
         elif verdict is Verdict.DOUBTFUL:
             self._doubt(axis, watched, course, now)
         elif watched.doubted_at is not None:
-            watched.doubted_at = None
+            if course.interval < _FOREVER:
+                self._doubt(axis, watched, course, now)  # others were stopped because of it
+            else:
+                watched.doubted_at = None
 
     def _doubt(self, axis: int, watched: _Watched, course: Course, now: float) -> None:
         """Find out what is wrong."""

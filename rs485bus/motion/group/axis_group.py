@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import copy
-from collections.abc import Awaitable, Callable, Generator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from rs485bus.arguments import positive
 from rs485bus.bus.handle import Handle
-from rs485bus.errors import LimitExceeded, MoveCancelled, NotSupported
+from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, NotSupported
 from rs485bus.motion.group.execution import GroupExecution, Wish
 from rs485bus.motion.group.member import GroupAxis
 from rs485bus.motion.group.streams import GroupStream, StreamAxis
-from rs485bus.motion.move import Cancellable, Move, MoveState, MoveTarget
+from rs485bus.motion.move import Cancellable, Move, MoveState, MoveTarget, positions_until
 
 T = TypeVar("T")
 
 _RESERVED = ("duration", "rpm")
+_IN_ORDER = (MoveState.QUEUED, MoveState.STARTING, MoveState.MOVING)
 
 
 class GroupMove(Cancellable[dict[str, float]]):
@@ -60,12 +61,42 @@ class GroupMove(Cancellable[dict[str, float]]):
         return max(etas) if len(etas) == len(self.moves) else None
 
     @property
+    def state(self) -> MoveState:
+        """How far it has come: as far as the part that is furthest behind, until it has ended."""
+        if self.done():
+            failed = MoveState.CANCELLED if isinstance(self.error, MoveCancelled) else MoveState.FAILED
+            return MoveState.DONE if self.error is None else failed
+        states = {move.state for move in self.moves.values()}
+        return next((state for state in _IN_ORDER if state in states), MoveState.MOVING)
+
+    @property
+    def started_at(self) -> float | None:
+        """When the first of the frames that start it was sent, on the event loop's clock; None before that."""
+        return min(self._starts(), default=None)
+
+    @property
     def skew(self) -> float | None:
-        """Seconds between the first and the last frame that started one of them; None before all have started."""
-        if not all(move.state in (MoveState.MOVING, MoveState.DONE) for move in self.moves.values()):
-            return None
-        starts = [move.started_at for move in self.moves.values() if move.started_at is not None]
-        return max(starts) - min(starts)
+        """Seconds between the first and the last frame that started one of them; None before all have started. Where it
+        has failed, of those that had started, if there were two."""
+        starts = self._starts()
+        return max(starts) - min(starts) if len(starts) >= (2 if self.done() else len(self.moves)) else None
+
+    def _starts(self) -> list[float]:
+        begun = [move.started_at for move in self.moves.values() if move.state is not MoveState.STARTING]
+        return [at for at in begun if at is not None]
+
+    async def positions(self, every: float = 0.1) -> AsyncIterator[dict[str, float]]:
+        """Where the axes are, by name, about every so many seconds until the move has ended; last, where it ended.
+
+        Raises:
+            RequestFailed, MotionError: what the move raises.
+        """
+        async for at in positions_until(self, self._ask_positions, every):
+            yield at
+
+    async def _ask_positions(self) -> dict[str, float]:
+        asked = await asyncio.gather(*(axis.position() for axis in self._axes.values()))
+        return dict(zip(self._axes, asked, strict=True))
 
     def cancel(self) -> None:
         """End it: what waits leaves the queues, what is under way is stopped. It raises `MoveCancelled`."""
@@ -236,11 +267,11 @@ class AxisGroup:
 
     def stop(self) -> HandleOfSeveral[None]:
         """Stop all axes, with their ramps; see them stand, and drop what is queued. It happens at once."""
-        return HandleOfSeveral({name: axis.stop() for name, axis in self.axes.items()})
+        return HandleOfSeveral({name: _asked(axis, axis.stop) for name, axis in self.axes.items()})
 
     def emergency_stop(self) -> HandleOfSeveral[None]:
         """Stop all axes as fast as their drives can; see them stand, and drop what is queued."""
-        return HandleOfSeveral({name: axis.emergency_stop() for name, axis in self.axes.items()})
+        return HandleOfSeveral({name: _asked(axis, axis.emergency_stop) for name, axis in self.axes.items()})
 
     # Questions
 
@@ -278,6 +309,7 @@ class AxisGroup:
         for name, axis in axes.items():
             axis.check_ready()
             try:
+                wish.check_speed(axis)
                 goals[name] = goal(axis, places[name])
                 start, end = axis.planned, goals[name].planned
                 if start is not None and end is not None:
@@ -285,6 +317,17 @@ class AxisGroup:
             except (LimitExceeded, TypeError) as error:
                 raise _named(name, error) from None
         return GroupMove(axes, goals, wish)
+
+
+def _asked(axis: GroupAxis, stop: Callable[[], Handle[None]]) -> Handle[None]:
+    """A stop, or what keeps it from being one: the other axes are stopped all the same."""
+    axis.bus.check_thread()
+    try:
+        return stop()
+    except BusError as error:
+        handle: Handle[None] = Handle(f"stop of {axis.name}", axis.bus.unseen)
+        handle.fail(error)
+        return handle
 
 
 E = TypeVar("E", bound=BaseException)

@@ -14,7 +14,7 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.schedule.burst import Burst, BurstSlot
 from rs485bus.bus.units.adapter import DeviceAdapter
-from rs485bus.errors import BusError, LimitExceeded, MoveCancelled
+from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, MoveFailed
 from rs485bus.motion.group.barrier import Barrier
 from rs485bus.motion.group.member import Course, GroupAxis
 from rs485bus.motion.move import MoveState, MoveTarget
@@ -37,6 +37,14 @@ class Wish:
         """The highest speed, in rpm, that an axis may have."""
         wanted = self.rpm if self.rpm is not None else axis.rpm if self.duration is None else math.inf
         return min(wanted, axis.highest_rpm)
+
+    def check_speed(self, axis: GroupAxis) -> None:
+        """Raise `LimitExceeded` for a speed that is lower than the axis can be told."""
+        if self.rpm is not None and self.rpm < axis.rpm_step:
+            raise LimitExceeded(
+                f"{axis.name}: rpm {self.rpm:g} is less than its drive can be told, which is {axis.rpm_step:g} at "
+                "least."
+            )
 
     def check(self, axis: GroupAxis, turns: float, late: float = 0.0) -> None:
         """Raise `LimitExceeded` where the duration is none that the axis can take for so many turns, if it starts so
@@ -116,6 +124,8 @@ class GroupExecution:
         return self._all_arrived.is_set()
 
     def finished(self, who: str, position: float) -> None:
+        if self._over and who == self._first:
+            self._conclude(MoveFailed(f"{self._axes[who].name} seemed to be held up, and its group was stopped."))
         self._positions[who] = position
         if len(self._positions) == len(self._axes):
             self._over = True
@@ -174,7 +184,7 @@ class GroupExecution:
         self._first, self._cause = stumbling, self._at_fault or stumbling
         # Who has ended its part may be on its next command, which is none of this one's.
         under_way = (MoveState.STARTING, MoveState.MOVING)
-        begun = [axis for name, axis in self._axes.items() if self.moves[name].state in under_way]
+        begun = [axis for name, axis in self._axes.items() if self.moves[name].state in under_way and name != stumbling]
         for name, axis in self._axes.items():
             if name != stumbling:
                 axis.give_up(self.moves[name], MoveCancelled(f"Cancelled: {self.moves[name].what} has ended before."))

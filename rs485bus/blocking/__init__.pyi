@@ -881,11 +881,22 @@ class GroupMove(Cancellable[dict[str, float]]):
     def moves(self) -> Mapping[str, Move]:
         """The part of each axis, by name."""
         ...
+    def positions(self, every: float = 0.1) -> Stream[dict[str, float]]:
+        """Where the axes are, by name, about every so many seconds until the move has ended; last, where it ended.
+
+        Raises:
+            RequestFailed, MotionError: what the move raises.
+        """
+        ...
     seen: bool
     @property
     def skew(self) -> float | None:
-        """Seconds between the first and the last frame that started one of them; None before all have started."""
+        """Seconds between the first and the last frame that started one of them; None before all have started. Where it
+        has failed, of those that had started, if there were two.
+        """
         ...
+    started_at: float | None
+    state: MoveState
     def wait(self, timeout: float | None = None) -> dict[str, float]:
         """Wait for its end, and return its result.
 

@@ -13,7 +13,6 @@ from rs485bus.bus.functions import RequestOptions
 from rs485bus.bus.port_urls import Backend
 from rs485bus.bus.record import BusStats, Record
 from rs485bus.bus.recording import Recording
-from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.bus.watchdog.report import WatchReport
@@ -35,7 +34,6 @@ from rs485bus.motion.move import MoveState
 from rs485bus.motion.sample import AxisSample
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
-from rs485bus.wire.frames import Request
 from rs485bus.wire.private import Reply
 from rs485bus.wire.registers import Register
 from rs485bus.wire.timing import LineSettings, Parity
@@ -439,9 +437,6 @@ class Bus:
             OSError: the file cannot be written.
         """
         ...
-    def replace(self, job: Job, request: Request) -> bool:
-        """Have a job that waits, and was never sent, say something newer to its device. False if it is too late."""
-        ...
     @property
     def stats(self) -> BusStats:
         """What happened on the bus since it was opened. Counts go on; copy what you want to keep."""
@@ -511,10 +506,7 @@ class Handle(Generic[T]):
     def done(self) -> bool:
         """Whether it has ended, well or not."""
         ...
-    @property
-    def error(self) -> Exception | None:
-        """Why it failed, once it has."""
-        ...
+    error: Exception | None
     def wait(self, timeout: float | None = None) -> T:
         """Wait for its end, and return its result.
 
@@ -911,6 +903,35 @@ class GroupMove(Cancellable[dict[str, float]]):
         """
         ...
 
+class GroupSetpoint:
+    """What a stream of several axes is told: `setpoint(x=90.0, y=-30.0)`. Speeds are rpm.
+
+    Args:
+        parts: the set-point of each axis, by name.
+    """
+    error: Exception | None
+    def __call__(self, **rpm: float) -> None:
+        """Have the axes that are named turn at these speeds from now on. Those that are not named keep theirs, until
+        they are too old.
+
+        Raises:
+            TypeError: there is no axis of that name, or it is no number.
+            LimitExceeded: it is no speed. Nothing is told then.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        ...
+    @property
+    def measured(self) -> dict[str, float | None]:
+        """The speeds that were last seen, in rpm."""
+        ...
+    def reached(self) -> None:
+        """Wait until all speeds that are wanted were told, to the end of their ramps. Raises what has ended it."""
+        ...
+    @property
+    def sent(self) -> dict[str, float]:
+        """The speeds that were told last, in rpm."""
+        ...
+
 class GroupStream:
     """A stream for several axes: `async with group.stream() as setpoint: setpoint(x=90.0, y=-30.0)`.
 
@@ -918,7 +939,7 @@ class GroupStream:
         axes: the axes, by name.
         streams: theirs.
     """
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> GroupSetpoint: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
 
 class HandleOfSeveral(Generic[T]):
@@ -1381,6 +1402,42 @@ class Paths(Table[Path]):
         """Whether a trigger interrupts a positioning under way, as shipped, or is ignored (3.2.2)."""
         ...
 
+class Setpoint:
+    """What a stream is told: `setpoint(90.0)`. Speeds are rpm, positive the way the axis counts.
+
+    Args:
+        move: the stream, as a command of its axis.
+        sign: -1 where the axis counts the other way than its drive.
+        state: what is known of it.
+        running: what tells the speeds, once it does.
+        check: raises what is no speed.
+    """
+    def __call__(self, rpm: float) -> None:
+        """Turn at a speed from now on; 0 to stand. It replaces the one before, and never waits.
+
+        A speed is approached by the ramp of the stream. What is faster than the motor can turn is cut.
+
+        Raises:
+            LimitExceeded, TypeError: it is no speed.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        ...
+    @property
+    def delay(self) -> float:
+        """How old the newest set-point was when its frame was sent, in seconds."""
+        ...
+    @property
+    def measured(self) -> float | None:
+        """The speed that was last seen, in rpm."""
+        ...
+    def reached(self) -> None:
+        """Wait until the speed that is wanted was told, to the end of its ramp. Raises what has ended the stream."""
+        ...
+    @property
+    def sent(self) -> float:
+        """The speed that was told last, in rpm: on a ramp, a step of it."""
+        ...
+
 class SetpointStream:
     """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
 
@@ -1389,14 +1446,7 @@ class SetpointStream:
         running: what tells the speeds, once it does.
         stop: stops the axis.
     """
-    def on_end(self, callback: Callable[[Exception | None], object]) -> None:
-        """Have `callback` called when it ends, with its failure if it has failed."""
-        ...
-    @property
-    def over(self) -> bool:
-        """Whether it has ended, or was not entered."""
-        ...
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Setpoint: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
 
 class SpeedPaths(Table[SpeedPath]):

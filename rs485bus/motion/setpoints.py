@@ -12,7 +12,7 @@ from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.move import Move
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
-from rs485bus.motion.streaming import Streamer
+from rs485bus.motion.streaming import STEP, Streamer
 
 _SHOWS = 10
 """An axis that should have gone so many times as far as a standing one may seem to go, and did not, is held up."""
@@ -143,6 +143,16 @@ class Setpoint:
         if not self._running or self._running[0].ended:
             raise MotionError(f"{self._move.what} has ended: set-points go into its block.")
         self._running[0].want(self._sign * rpm)
+
+    async def reached(self) -> None:
+        """Wait until the speed that is wanted was told, to the end of its ramp. Raises what has ended the stream."""
+        while not self._running or self._running[0].is_on_its_way:
+            if self._move.error is not None:
+                self._move.seen = True
+                raise self._move.error
+            if self._move.done():
+                return
+            await asyncio.sleep(STEP / 2)
 
     @property
     def sent(self) -> float:

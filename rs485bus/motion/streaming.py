@@ -125,8 +125,14 @@ class Streamer:
         self._state.ramp_stop = self._setpoint(0.0)[-1]
         self._go_on()
 
+    @property
+    def is_on_its_way(self) -> bool:
+        """Whether the speed that counts now is not told yet."""
+        return self.told.rpm != self._target(self._bus.now())
+
     def want(self, rpm: float) -> None:
         """A new set-point."""
+        self._bus.check_thread()
         self._wanted = math.copysign(min(abs(rpm), self._terms.highest), rpm)
         self._wanted_at = self._bus.now()
         self._is_new, self._expired = True, False

@@ -201,7 +201,9 @@ class Stub:
             lines.append(self._function(init.__module__, vars(init)["__init__"], "    "))
         lines += [text for name in offered(cls) if (text := self._member(cls, name))]
         if "__aenter__" in vars(cls):
-            lines.append("    def __enter__(self) -> Self: ...")
+            entered = inspect.signature(vars(cls)["__aenter__"]).return_annotation
+            kind = "Self" if entered in ("Self", cls.__name__) else self._type(_text(entered), cls.__module__)
+            lines.append(f"    def __enter__(self) -> {kind}: ...")
             lines += _EXIT
         if "__aiter__" in vars(cls):
             lines.append("    def __iter__(self) -> Self: ...")

@@ -57,6 +57,11 @@ class GroupSetpoint:
         for name, speed in rpm.items():
             self._parts[name](speed)
 
+    async def reached(self) -> None:
+        """Wait until all speeds that are wanted were told, to the end of their ramps. Raises what has ended it."""
+        for part in self._parts.values():
+            await part.reached()
+
     @property
     def sent(self) -> dict[str, float]:
         """The speeds that were told last, in rpm."""

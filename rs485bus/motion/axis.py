@@ -665,16 +665,15 @@ class Axis:
             acceleration=acceleration,
             timeout=timeout,
             highest=self._ability.fastest[0],
-            counts_per_turn=counts_per_turn,
-            limits=None if limits is None else (limits[0], limits[1]),
+            limits=() if limits is None else ((limits[0], limits[1]),),
         )
 
         def begin(rpm: float) -> StreamCourse:
-            streamer.append(Streamer(self.bus, self._drive, self._at, terms, rpm, self._notice_stale))
+            streamer.append(Streamer(self.bus, self._drive, (self._at,), terms, (rpm,), self._notice_stale))
             started()
             interval = min(self._supervisor.interval, 0.1) if limits else self._supervisor.interval
             now, grace = self.bus.now(), self._drive.start_grace
-            return StreamCourse(self._state, now, grace, streamer[0], counts_per_turn, interval)
+            return StreamCourse(self._state, now, grace, streamer[0], 0, counts_per_turn, interval)
 
         try:
             return self._to_units(await self._executor.stream(move, begin, by_reference=limits is not None))

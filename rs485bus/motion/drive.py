@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
@@ -132,6 +132,8 @@ class Drive(DeviceAdapter):
     """What is asked at once when something is wrong, to find out why."""
     knows_counts = True
     """It is known how the drive counts. Else `set_up` finds that out, before positions mean anything."""
+    turns_through_zero = False
+    """In a stream it may be told a speed the other way while it turns. Else it is slowed down to a stand before."""
     tells_restarts = False
     """What it says afterwards shows every restart: one that was not heard for a while need not be suspected of it."""
     stall_remedy = ""
@@ -222,6 +224,14 @@ class Drive(DeviceAdapter):
             afresh: it is not known whether the drive was told what was told last.
         """
         raise NotSupported(f"{self.name} cannot be told speeds in a stream.")
+
+    def setpoints(self, speeds: Mapping[int, float], acceleration: float, *, afresh: bool) -> Sequence[Request]:
+        """The same for several axes at once: the speed of each."""
+        if len(speeds) > 1:
+            raise NotSupported(f"{self.name} cannot tell its axes their speeds with one frame.")
+        return [
+            frame for axis, rpm in speeds.items() for frame in self.setpoint(axis, rpm, acceleration, afresh=afresh)
+        ]
 
     def retarget(self, axis: int, target: int, parameters: MotionParameters, speed: float) -> Plan[None]:
         """Send a move under way, which has this speed in rpm, elsewhere. Its last step is the start."""

@@ -32,6 +32,7 @@ class StreamCourse(Course):
         started_at: when it began.
         grace: seconds within which the axis may stand though it was told to start.
         streamer: tells the speeds.
+        at: which one of those that it tells this axis is.
         counts_per_turn: of the axis.
         interval: seconds between two looks.
     """
@@ -44,12 +45,14 @@ class StreamCourse(Course):
         started_at: float,
         grace: float,
         streamer: Streamer,
+        at: int,
         counts_per_turn: int,
         interval: float,
     ) -> None:
         super().__init__("stream", state, started_at, grace)
         self.interval = interval
         self._streamer = streamer
+        self._at = at
         self._grace = grace
         self._counts_per_turn = counts_per_turn
         self._place: int | None = None
@@ -70,7 +73,7 @@ class StreamCourse(Course):
         streamer, running = self._streamer, self.state.known(Fact.RUNNING)
         if streamer.refused:
             return Verdict.DOUBTFUL
-        if streamer.ended and streamer.told.sure and not streamer.told.rpm and self.state.stands:
+        if streamer.ended and streamer.told.sure and not self._rpm and self.state.stands:
             return Verdict.DONE
         if running.value and running.at > streamer.stands_at + self._grace:
             streamer.insist()  # it was told to stand
@@ -79,7 +82,7 @@ class StreamCourse(Course):
         return Verdict.DOUBTFUL if self._stays() else Verdict.GOES_ON
 
     def due(self, fact: Fact) -> float:
-        if not self._streamer.told.rpm and self._streamer.told.sure and not self.state.stands:
+        if not self._rpm and self._streamer.told.sure and not self.state.stands:
             soon = self._due_at_end(fact, self._streamer.stands_at, _LOOK_AGAIN)
             late = self._is_overdue(self._streamer.stands_at + _LOOK_AGAIN)
             return max(soon, self.state.last(fact).at + _LOOK_AGAIN) if late else soon
@@ -87,17 +90,22 @@ class StreamCourse(Course):
             return self.state.last(fact).at + min(self.interval, _LOOK_AGAIN * 5)
         return _FOREVER
 
+    @property
+    def _rpm(self) -> float:
+        """The speed that it was told last."""
+        return self._streamer.told.speeds[self._at]
+
     def _stays(self) -> bool:
         """Whether it does not move though it was told to for long enough."""
-        position, told = self.state.last(Fact.POSITION), self._streamer.told
+        position, rpm = self.state.last(Fact.POSITION), self._rpm
         same = self.state.rule.same
         if position.value is None:
             return False
-        if self._place is None or not told.rpm or abs(self.state.rule.moved(self._place, position.value)) > same:
+        if self._place is None or not rpm or abs(self.state.rule.moved(self._place, position.value)) > same:
             self._place, self._place_at = position.value, position.at
             return False
-        shows = _SHOWS * same * 60 / (abs(told.rpm) * self._counts_per_turn)
-        since = max(self._place_at, told.same_way_since + self._grace)
+        shows = _SHOWS * same * 60 / (abs(rpm) * self._counts_per_turn)
+        since = max(self._place_at, self._streamer.told.same_way_since[self._at] + self._grace)
         return position.at - since > max(_HELD_UP, shows)
 
 
@@ -157,7 +165,7 @@ class Setpoint:
     @property
     def sent(self) -> float:
         """The speed that was told last, in rpm: on a ramp, a step of it."""
-        return self._sign * self._running[0].told.rpm if self._running else 0.0
+        return self._sign * self._running[0].told.speeds[0] if self._running else 0.0
 
     @property
     def measured(self) -> float | None:

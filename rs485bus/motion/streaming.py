@@ -1,7 +1,8 @@
-"""Tells an axis speeds, of which the newest counts. Nothing queues, and nothing but the wire delays it.
+"""Tells axes of a drive speeds, of which the newest counts. Nothing queues, and nothing but the wire delays it.
 
 One frame waits at most, and a newer speed takes its place. The ramp is made here, in small steps, so that it is kept
-whatever a drive makes of a new speed under way; each step is told with that ramp, too.
+whatever a drive makes of a new speed under way; each step is told with that ramp, too. Of several axes all change in
+proportion, so that a vehicle keeps to its curve.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ _NO_MORE = (Reason.STOPPED, Reason.EMERGENCY, Reason.LATCHED, Reason.LOCKED, Rea
 """Why nothing can be told any more."""
 
 
+Speeds = tuple[float, ...]
+"""One of each axis, in rpm, in the drive's direction."""
+
+
 class Turns:
     """Whose turn it is, where streams share a bus with others: after a set-point somebody else may go first."""
 
@@ -44,7 +49,7 @@ class Turns:
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """What a stream keeps to. Speeds are rpm in the drive's direction, positions its counts."""
+    """What a stream keeps to. Speeds are in the drive's direction, positions its counts."""
 
     acceleration: float
     """rpm/s, up and down."""
@@ -52,35 +57,43 @@ class Terms:
     """Seconds after which a set-point is too old."""
     highest: float
     """The highest speed."""
-    counts_per_turn: int
-    limits: tuple[int, int] | None = None
-    """The lowest and highest position; None for no limit."""
+    limits: tuple[tuple[int, int] | None, ...] = ()
+    """The lowest and highest position of each axis; None, or nothing at all, for no limit."""
+    needs: Callable[[Speeds], float] | None = None
+    """Seconds that a change of the speeds takes at least; None for as long as the acceleration needs for the greatest
+    of them."""
+
+    def takes(self, change: Speeds) -> float:
+        """Seconds that a change of the speeds takes at least."""
+        if self.needs is not None:
+            return self.needs(change)
+        return max(map(abs, change)) / self.acceleration
 
 
 @dataclass(slots=True)
 class Told:
     """What was told last."""
 
-    rpm: float
+    speeds: Speeds
     at: float
     """When."""
+    same_way_since: list[float]
+    """Since when each axis is told to turn the way in which it is to turn now, or to stand."""
     sure: bool = True
     """The drive has acknowledged it, by an answer that can be to nothing else."""
-    same_way_since: float = NEVER
-    """Since when it is told to turn the way in which it is to turn now, or to stand."""
     delay: float = 0.0
     """How old the newest set-point was when its frame was sent, in seconds."""
 
 
 class Streamer:
-    """Tells one axis speeds.
+    """Tells axes of one drive speeds.
 
     Args:
-        bus: the bus its drive is on.
-        drive: its drive.
-        axis: which one of the drive it is.
-        terms: what it keeps to.
-        rpm: how fast it turns already.
+        bus: the bus the drive is on.
+        drive: the drive.
+        axes: which ones of the drive.
+        terms: what they keep to.
+        speeds: how fast they turn already.
         noticed: called when something has happened that is no error, with what.
     """
 
@@ -88,33 +101,35 @@ class Streamer:
         self,
         bus: Bus,
         drive: Drive,
-        axis: int,
+        axes: tuple[int, ...],
         terms: Terms,
-        rpm: float,
+        speeds: Speeds,
         noticed: Callable[[str], None],
     ) -> None:
-        self.told = Told(rpm, bus.now() - STEP)
+        self.told = Told(speeds, bus.now() - STEP, [NEVER] * len(axes))
         self.ended = False
-        """It is slowing down to a stand, for good."""
+        """They are slowing down to a stand, for good."""
         self.refused = ""
         """Why the drive refuses what it is told."""
         self._bus = bus
         self._drive = drive
-        self._axis = axis
+        self._axes = axes
         self._terms = terms
         self._noticed = noticed
-        self._state = drive.state.axes[axis]
+        self._states = tuple(drive.state.axes[axis] for axis in axes)
+        self._motion = self._states[0].motion if len(axes) == 1 else drive.motion
+        self._zero: Speeds = (0.0,) * len(axes)
         self._unit = bus.owner.units[drive.address]
         self._turns = bus.keep(Turns, Turns)
-        self._wanted, self._wanted_at = rpm, bus.now()
+        self._wanted, self._wanted_at = speeds, bus.now()
         self._is_new = False
         """No frame was sent since the newest set-point."""
         self._expired = False
         self._job: Job | None = None
-        self._frames: Sequence[Request] = () if rpm else self._setpoint(0.0)
-        """What tells the speed that is being told, or was told last."""
-        self._next = rpm
-        """That speed."""
+        self._frames: Sequence[Request] = () if any(speeds) else self._setpoints(self._zero)
+        """What tells the speeds that are being told, or were told last."""
+        self._next = speeds
+        """Those speeds."""
         self._rest: deque[Request] = deque()
         """What of that was not sent yet."""
         self._is_unmistakable = True
@@ -122,18 +137,20 @@ class Streamer:
         self._not_before = NEVER
         self._wakes_at = _FOREVER
         self._over = False
-        self._state.ramp_stop = self._setpoint(0.0)[-1]
+        for state in self._states:
+            state.ramp_stop = self._setpoints(self._zero)[-1]
         self._go_on()
 
     @property
     def is_on_its_way(self) -> bool:
-        """Whether the speed that counts now is not told yet."""
-        return self.told.rpm != self._target(self._bus.now())
+        """Whether the speeds that count now are not told yet."""
+        return self.told.speeds != self._target(self._bus.now())
 
-    def want(self, rpm: float) -> None:
-        """A new set-point."""
+    def want(self, *speeds: float) -> None:
+        """A new set-point. What is too fast is cut, of all axes in proportion."""
         self._bus.check_thread()
-        self._wanted = math.copysign(min(abs(rpm), self._terms.highest), rpm)
+        fastest = max(map(abs, speeds))
+        self._wanted = _scaled(speeds, min(1.0, self._terms.highest / fastest if fastest else 1.0))
         self._wanted_at = self._bus.now()
         self._is_new, self._expired = True, False
         self._go_on()
@@ -159,10 +176,10 @@ class Streamer:
 
     @property
     def stands_at(self) -> float:
-        """When it should stand, if it was told to; infinity if it was not."""
-        return _FOREVER if self.told.rpm else self.told.at + STEP + self._state.ramp_takes
+        """When they should stand, if they were told to; infinity if they were not."""
+        return _FOREVER if any(self.told.speeds) else self.told.at + STEP + self._states[0].ramp_takes
 
-    # Which speed is told next
+    # Which speeds are told next
 
     def _go_on(self) -> None:
         """Tell the next step, if there is one."""
@@ -173,7 +190,7 @@ class Streamer:
         step = self._step(target, now)
         if self._job is not None:
             self._renew(step)
-        elif step == self.told.rpm and self.told.sure:
+        elif step == self.told.speeds and self.told.sure:
             self._is_new = False
             self._wake_at(self._changes_at(now, step != target))
         elif step != target and not self._is_new and self.told.sure and now < self.told.at + STEP - 1e-6:
@@ -181,63 +198,71 @@ class Streamer:
         else:
             self._tell(step, now)
 
-    def _target(self, now: float) -> float:
-        """The speed that counts now."""
+    def _target(self, now: float) -> Speeds:
+        """The speeds that count now."""
         if self.ended:
-            return 0.0
+            return self._zero
         if now < self._expires_at:
-            return self._within_limits(self._wanted, now)
+            return _scaled(self._wanted, min(map(self._share_within, range(len(self._axes)))))
         if not self._expired:
             self._expired = True
-            if self._wanted:
+            if any(self._wanted):
                 self._noticed(f"no set-point came for {self._terms.timeout:g} s: it was stopped by its ramp")
-        return 0.0
+        return self._zero
 
-    def _within_limits(self, rpm: float, now: float) -> float:
-        """The speed from which it still comes to a stand before a limit: by where it was, how old that is, and two
-        attempts to tell it that fail."""
-        limits, position = self._terms.limits, self._state.last(Fact.POSITION)
-        if limits is None or not rpm or position.value is None:
-            return rpm
-        ahead = limits[1] - position.value if rpm > 0 else position.value - limits[0]
-        ahead -= 2 * self._state.rule.same
-        speed = max(abs(self.told.rpm), abs(self._state.last(Fact.SPEED).value or 0.0))
+    def _share_within(self, at: int) -> float:
+        """The part of the wanted speed of an axis from which it still comes to a stand before a limit: by where it
+        was, how old that is, and two attempts to tell it that fail."""
+        limits = self._terms.limits[at] if self._terms.limits else None
+        state, wanted, now = self._states[at], self._wanted[at], self._bus.now()
+        position = state.last(Fact.POSITION)
+        if limits is None or not wanted or position.value is None:
+            return 1.0
+        ahead = limits[1] - position.value if wanted > 0 else position.value - limits[0]
+        ahead -= 2 * state.rule.same
+        speed = max(abs(self.told.speeds[at]), abs(state.last(Fact.SPEED).value or 0.0))
         age, ramp = now - position.at, self._terms.acceleration
         gone = speed * (age + 2 * self._unit.reply_timeout + STEP)
         if math.isfinite(ramp):
             gone += ramp * age * age / 2  # it may have been faster then
-        room = max(0.0, ahead / self._terms.counts_per_turn - gone / 60)
-        return math.copysign(min(abs(rpm), math.sqrt(120 * ramp * room) if room else 0.0), rpm)
+        room = max(0.0, ahead / self._drive.ability(self._axes[at]).counts_per_turn - gone / 60)
+        return min(1.0, math.sqrt(120 * ramp * room) / abs(wanted)) if room else 0.0
 
-    def _step(self, target: float, now: float) -> float:
-        """The next speed on the way to one. Through zero it comes to a stand first."""
-        told = self.told.rpm
-        target = 0.0 if told * target < 0 else target
-        change = self._terms.acceleration * min(max(now - self.told.at, 0.0), 2 * STEP)
-        return target if abs(target - told) <= change else told + math.copysign(change, target - told)
+    def _step(self, target: Speeds, now: float) -> Speeds:
+        """The next speeds on the straight way to others."""
+        told = self.told.speeds
+        if not self._drive.turns_through_zero:
+            # It comes to a stand first.
+            target = tuple(0.0 if is_ * wanted < 0 else wanted for is_, wanted in zip(told, target, strict=True))
+        change = tuple(wanted - is_ for is_, wanted in zip(told, target, strict=True))
+        takes, time = self._terms.takes(change), min(max(now - self.told.at, 0.0), 2 * STEP)
+        if takes <= time:
+            return target
+        return tuple(is_ + each * time / takes for is_, each in zip(told, change, strict=True))
 
-    # Telling it
+    # Telling them
 
-    def _setpoint(self, rpm: float) -> Sequence[Request]:
-        return self._drive.setpoint(self._axis, rpm, self._terms.acceleration, afresh=not self.told.sure)
+    def _setpoints(self, speeds: Speeds) -> Sequence[Request]:
+        by_axis = dict(zip(self._axes, speeds, strict=True))
+        return self._drive.setpoints(by_axis, self._terms.acceleration, afresh=not self.told.sure)
 
-    def _renew(self, rpm: float) -> None:
-        """Have the frame that waits say the newest speed, if it is the first one of a speed."""
+    def _renew(self, speeds: Speeds) -> None:
+        """Have the frame that waits say the newest speeds, if it is the first one of them."""
         assert self._job is not None
         if self._job.request is not self._frames[0] or self._job.attempts:
             return
-        frames = self._setpoint(rpm)
+        frames = self._setpoints(speeds)
         if self._bus.replace(self._job, frames[0]):
-            self._frames, self._rest, self._next = frames, deque(frames[1:]), rpm
+            self._frames, self._rest, self._next = frames, deque(frames[1:]), speeds
 
-    def _tell(self, rpm: float, now: float) -> None:
-        frames = self._setpoint(rpm)
+    def _tell(self, speeds: Speeds, now: float) -> None:
+        frames = self._setpoints(speeds)
         if list(frames) == list(self._frames) and self.told.sure:
             # The drive cannot be told so small a step.
-            self.told.rpm, self.told.at, self._is_new = rpm, now, False
+            self.told.speeds, self.told.at, self._is_new = speeds, now, False
             self._wake_at(now + STEP)
             return
-        self._frames, self._rest, self._next = frames, deque(frames[1:]), rpm
+        self._frames, self._rest, self._next = frames, deque(frames[1:]), speeds
         self._submit(frames[0])
 
     def _submit(self, request: Request) -> None:
@@ -247,7 +272,7 @@ class Streamer:
             urgency=self._turns.urgency(self._bus),
             retries=0,
             moves=True,
-            motion=self._state.motion,
+            motion=self._motion,
             ignores_late_replies=True,
             on_end=self._answered,
         )
@@ -263,7 +288,7 @@ class Streamer:
                 self._was_sent(job.sent_at)
         now, refused = self._bus.now(), job.outcome is Outcome.REFUSED
         # One that refuses to stop in its own way says that it stands.
-        stood = refused and job.code is None and job.request.adu == self._setpoint(0.0)[0].adu
+        stood = refused and job.code is None and job.request.adu == self._setpoints(self._zero)[0].adu
         if refused and not stood:
             self.close()
             self.refused = str(failure(job, self._bus.flight, self._drive.family))
@@ -282,12 +307,14 @@ class Streamer:
                 self._go_on()
 
     def _was_sent(self, at: float) -> None:
-        """The first frame of a speed went out."""
+        """The first frame that tells speeds went out."""
         told = self.told
-        if self._next * told.rpm <= 0:
-            told.same_way_since = at
-        told.rpm, told.at = self._next, at
-        self._state.ramp_takes = abs(self._next) / self._terms.acceleration
+        for axis, (before, after) in enumerate(zip(told.speeds, self._next, strict=True)):
+            if before * after <= 0:
+                told.same_way_since[axis] = at
+        told.speeds, told.at = self._next, at
+        for state in self._states:
+            state.ramp_takes = self._terms.takes(self._next)
         if self._is_new and self._wanted_at <= at:
             told.delay, self._is_new = at - self._wanted_at, False
 
@@ -301,7 +328,7 @@ class Streamer:
         """When another speed may count though no set-point comes."""
         if self.ended or self._expired:
             return now + STEP if on_its_way else _FOREVER
-        limited = self._terms.limits is not None and self._wanted
+        limited = self._terms.limits and any(self._wanted)
         return min(self._expires_at, now + STEP if on_its_way or limited else _FOREVER)
 
     def _wake_at(self, when: float) -> None:
@@ -312,3 +339,7 @@ class Streamer:
     def _wake(self) -> None:
         self._wakes_at = _FOREVER
         self._go_on()
+
+
+def _scaled(speeds: Speeds, by: float) -> Speeds:
+    return speeds if by == 1.0 else tuple(speed * by for speed in speeds)

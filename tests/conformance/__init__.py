@@ -1,0 +1,1 @@
+"""What every family promises, tried on each: those of this package, and one that is made up."""

@@ -17,8 +17,8 @@ from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.bus.watchdog.report import WatchReport
 from rs485bus.devices.mks.homing import Homing
-from rs485bus.devices.mks.servo import Encoder, Homings, MksStatus
 from rs485bus.devices.mks.settings import Gains, MksProfile, PositionProtection, PulseDivider
+from rs485bus.devices.mks.status import Encoder, Homings, MksStatus
 from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Inputs as Inputs2, Model, MotionDirection, OutputMask, ParameterDirection, Status, WorkMode
 from rs485bus.devices.tlr.homing import Homing as Homing2
 from rs485bus.devices.tlr.stepper import TlrStatus, Version

@@ -87,7 +87,7 @@ SUBJECTS = (
         homes=True,
     ),
 )
-EACH = pytest.mark.parametrize("subject", SUBJECTS, ids=str)
+EACH = pytest.mark.parametrize("subject", [subject for subject in SUBJECTS if subject.name != "ZLAC"], ids=str)
 
 
 class Rig:

@@ -217,7 +217,7 @@ VERBS: dict[str, Callable[[Any], Any]] = {
     "home": lambda axis: axis.home(),
 }
 FRAMES = 8
-"""So many frames of each verb are lost, one in each run: the steps of a plan before its motion, and the first looks at it."""
+"""So many frames of each verb are lost, one in each run: the steps of its plan, and the first looks."""
 
 
 @pytest.mark.parametrize("lost", ["request", "reply"])

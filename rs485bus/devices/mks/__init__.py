@@ -2,7 +2,7 @@
 
 from rs485bus.devices.mks.alarms import ALARMS, Alarm, alarm
 from rs485bus.devices.mks.homing import SingleTurnHoming, StopHoming, SwitchHoming
-from rs485bus.devices.mks.servo import Encoder, Homings, MksServo, MksStatus
+from rs485bus.devices.mks.servo import MksServo
 from rs485bus.devices.mks.settings import (
     CLOSE_GAINS,
     SETTINGS,
@@ -12,6 +12,7 @@ from rs485bus.devices.mks.settings import (
     PositionProtection,
     PulseDivider,
 )
+from rs485bus.devices.mks.status import Encoder, Homings, MksStatus
 from rs485bus.devices.mks.values import (
     BaudRate,
     EnableLevel,

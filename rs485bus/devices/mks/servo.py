@@ -3,71 +3,31 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from rs485bus.arguments import choice
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.schedule.job import Urgency
+from rs485bus.devices.mks import own_moves, service
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks import service
 from rs485bus.devices.mks.drive import MksDrive, MksWatchdog
 from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.devices.mks.homing import Homing, homing_frames
+from rs485bus.devices.mks.own_moves import OwnMove
 from rs485bus.devices.mks.search import find_origin, return_to_zero
 from rs485bus.devices.mks.settings import check_outputs
 from rs485bus.devices.mks.setup import MksSetup
-from rs485bus.devices.mks.values import Homed, Inputs, Model, MotionDirection, OutputMask, Status, WorkMode
+from rs485bus.devices.mks.status import Encoder, Homings, MksStatus
+from rs485bus.devices.mks.values import Inputs, Model, MotionDirection, OutputMask, Status, WorkMode
 from rs485bus.errors import LimitExceeded, MotionError
 from rs485bus.motion.move import Move
-from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ask, Plan
-from rs485bus.motion.sample import AxisStatus
 from rs485bus.motion.supervisor import Supervisor
 from rs485bus.wire.frames import Request, payload, unit_address
-from rs485bus.wire.registers import Block, Field, Register
+from rs485bus.wire.registers import Block, Register
 
 T = TypeVar("T")
-
-
-class Encoder(NamedTuple):
-    """The encoder as carry and value (3.1.1)."""
-
-    carry: int
-    """Whole turns."""
-    value: int
-    """0..0x3FFF in the turn."""
-
-
-class Homings(NamedTuple):
-    """How the homings stand (3.1.7)."""
-
-    single_turn: Homed
-    origin: Homed
-    """By switch or mechanical stop."""
-
-
-@dataclass(frozen=True, slots=True)
-class MksStatus(AxisStatus):
-    """What a drive reports of itself."""
-
-    status: Status
-    enabled: bool
-    homed: Homed
-    """By switch or mechanical stop."""
-    homed_in_turn: Homed
-    stalled: bool
-    inputs: Inputs
-
-    @property
-    def moving(self) -> bool:
-        return self.status is not Status.STOPPED
-
-    @property
-    def faulty(self) -> bool:
-        return self.stalled
 
 
 class MksServo(MksSetup):
@@ -218,61 +178,18 @@ class MksServo(MksSetup):
         Raises:
             LimitExceeded: one of them is out of its range; nothing is queued.
         """
-        pulses = self._whole("pulses", pulses)
-        _check_distance(r.MOVE_PULSES.fields[3], abs(pulses))
-        direction = self._mks.direction(self._sign * pulses)
-
-        def frame(parameters: MotionParameters) -> Request:
-            code = self._mks.ability(0).speed_code(parameters.rpm)
-            return write_block(self.address, r.MOVE_PULSES, direction, parameters.ramp_code, code, abs(pulses))
-
-        return self._move_by_frame(
-            f"move by {pulses} pulses",
-            self._pace(rpm, acceleration),
-            lambda start: start + self._counts_of(pulses),
-            frame,
-            lambda ramp: write_block(self.address, r.MOVE_PULSES, MotionDirection.CCW, ramp, 0, 0),
-            once=True,
-        )
+        return self._go_as(own_moves.by_pulses(self._mks, self._sign, self._whole("pulses", pulses)), rpm, acceleration)
 
     def move_by_counts(self, counts: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go so many counts, by a relative command (9.3). As `move_by_pulses`, for -2147483648..2147483647 counts.
 
         It also goes where `move_to` and `move_by` cannot: beyond the 32 bits of an absolute target.
         """
-        counts = self._whole("counts", counts)
-        _check_distance(r.MOVE_COUNTS.fields[2], self._sign * counts)
-
-        def frame(parameters: MotionParameters) -> Request:
-            code = self._mks.ability(0).speed_code(parameters.rpm)
-            return write_block(self.address, r.MOVE_COUNTS, parameters.ramp_code, code, self._sign * counts)
-
-        return self._move_by_frame(
-            f"move by {counts} counts",
-            self._pace(rpm, acceleration),
-            lambda start: start + self._sign * counts,
-            frame,
-            lambda ramp: write_block(self.address, r.MOVE_COUNTS, ramp, 0, 0),
-            once=True,
-        )
+        return self._go_as(own_moves.by_counts(self._mks, self._sign, self._whole("counts", counts)), rpm, acceleration)
 
     def move_to_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go to a position counted in pulses from zero (9.2): -2147483648..2147483647. Else as `move_to`."""
-        pulses = self._whole("pulses", pulses)
-        r.MOVE_TO_PULSES.fields[2].raw(self._sign * pulses)
-
-        def frame(parameters: MotionParameters) -> Request:
-            code = self._mks.ability(0).speed_code(parameters.rpm)
-            return write_block(self.address, r.MOVE_TO_PULSES, parameters.ramp_code, code, self._sign * pulses)
-
-        return self._move_by_frame(
-            f"move to {pulses} pulses",
-            self._pace(rpm, acceleration),
-            lambda _: self._counts_of(pulses),
-            frame,
-            lambda ramp: write_block(self.address, r.MOVE_TO_PULSES, ramp, 0, 0),
-            once=False,
-        )
+        return self._go_as(own_moves.to_pulses(self._mks, self._sign, self._whole("pulses", pulses)), rpm, acceleration)
 
     # Outside of its work. What takes a drive away for a while is refused while any watchdog on the bus is armed.
 
@@ -467,23 +384,9 @@ class MksServo(MksSetup):
 
         return self._order_plan(what, plan)
 
-    def _move_by_frame(
-        self,
-        what: str,
-        parameters: MotionParameters,
-        target_from: Callable[[int], int],
-        frame: Callable[[MotionParameters], Request],
-        stop: Callable[[int], Request],
-        *,
-        once: bool,
-    ) -> Move:
-        """Queue a move that is told in the drive's own units, by one frame."""
-
-        def plan(_: int, told: MotionParameters) -> Plan[None]:
-            self._mks.check_mode()
-            yield self._mks.start(frame(told), stop(told.ramp_code), told, once=once)
-
-        return self._go_by_plan(what, parameters, target_from, plan)
+    def _go_as(self, own: OwnMove, rpm: float | None, acceleration: float | None) -> Move:
+        """Queue a move that is told in the drive's own units."""
+        return self._go_by_plan(own.what, self._pace(rpm, acceleration), own.target_from, own.plan)
 
     def _whole(self, what: str, value: float) -> int:
         """A whole number, which may be given as a float."""
@@ -491,14 +394,6 @@ class MksServo(MksSetup):
         if not number.is_integer():
             raise LimitExceeded(f"{self.name}: {what} {value!r} is not a whole number")
         return int(number)
-
-    def _counts_of(self, pulses: int) -> int:
-        return self._sign * round(pulses * r.COUNTS_PER_TURN / (r.STEPS_PER_TURN * self.microsteps))
-
-
-def _check_distance(field: Field[int], distance: int) -> None:
-    if field.raw(distance) == 0:
-        raise LimitExceeded(f"{field.name} 0 is no distance")
 
 
 def _output(wanted: bool | OutputMask) -> tuple[OutputMask, bool]:

@@ -90,12 +90,15 @@ def virtual_lines(file: PlantFile) -> dict[str, Transport]:
     lines: dict[str, Transport] = {}
     for name, bus in file.buses.items():
         devices = []
+        baudrate = bus.baudrate or 115200
         for address, axes in file.drives(name):
             _, entry = next(iter(axes.values()))
             if entry.facts.simulate is None:
                 raise NotSupported(f"The family {entry.family!r} has no virtual drive: it cannot be simulated.")
-            devices.append(entry.facts.simulate(address, entry.options))
-        baudrate = bus.baudrate or 115200
+            device = entry.facts.simulate(address, entry.options)
+            if hasattr(device, "baudrate"):
+                device.baudrate = baudrate
+            devices.append(device)
         lines[name] = VirtualLine(*devices, baudrate=baudrate, parity=bus.parity, stopbits=bus.stopbits)
     return lines
 

@@ -81,6 +81,21 @@ COMMANDS: dict[str, LazyCommand] = {
         "Say what a capture holds: each frame in words, errors marked, statistics.",
         WATCH,
     ),
+    "monitor": LazyCommand(
+        "rs485bus.cli.commands.watch:monitor",
+        "Show axes and bus live, with keys to stop one, to stop all, and to hold the view.",
+        WATCH,
+    ),
+    "record": LazyCommand(
+        "rs485bus.cli.commands.watch:record",
+        "Ask the axes again and again, and keep what happens on the pair in a capture file.",
+        WATCH,
+    ),
+    "plan": LazyCommand(
+        "rs485bus.cli.commands.plan:plan",
+        "Reckon what a plant asks of its pairs: rates, load, waits, margins, and what still fits.",
+        PLAN,
+    ),
     "pcap": LazyCommand(
         "rs485bus.cli.commands.captures:pcap",
         "Turn a capture into a file that Wireshark shows as Modbus RTU.",

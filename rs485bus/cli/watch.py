@@ -1,0 +1,108 @@
+"""`rs485bus monitor` and `rs485bus record`: a plant that is watched."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import sys
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from rs485bus.bus.recording import KEEP, MAX_BYTES, Recording
+from rs485bus.cli.process import DONE, FAILED, WrongUse, console
+from rs485bus.cli.session import Where, open_plant
+from rs485bus.errors import BusError, NotSupported
+from rs485bus.monitor.watcher import Watcher
+from rs485bus.plant import Plant
+
+_TOLD = 1.0
+"""Seconds between two lines of progress."""
+
+
+def run_monitor(where: Where, record: Path | None) -> int:
+    """Show a plant live, until q. Returns the exit code."""
+    try:
+        from rs485bus.monitor.app import MonitorApp
+    except ModuleNotFoundError as missing:
+        if (missing.name or "").split(".")[0] != "textual":
+            raise
+        raise NotSupported(
+            "The monitor needs the package textual, which is not installed. Install it with:\n"
+            '    pip install "rs485bus[monitor]"'
+        ) from missing
+    from rs485bus.monitor.thread import BusThread
+
+    if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
+        raise WrongUse("monitor draws on a terminal and reads its keys: run it in one, not in a pipe.")
+    with BusThread(lambda: _watched(where, record)) as buses:
+        MonitorApp(buses, where.file().name).run()
+    return DONE
+
+
+async def run_record(where: Where, out: Path, *, every: float, seconds: float | None, max_bytes: int, keep: int) -> int:
+    """Ask the axes of a plant again and again, and keep what happens in a capture. Returns the exit code."""
+    say = console()
+    recordings: list[Recording] = []
+    async with open_plant(where, watchdogs=False) as plant, AsyncExitStack() as stack:
+        recordings += record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
+        names = ", ".join(str(recording.path) for recording in recordings)
+        until = "Ctrl-C ends it." if seconds is None else f"It takes {seconds:g} s."
+        say.print(f"Recording to {names}. {until}", markup=False, soft_wrap=True)
+        watcher = Watcher.of(plant, every)
+        watcher.start()
+        stack.push_async_callback(watcher.aclose)
+        await asyncio.sleep(3600 * 24 * 365 if seconds is None else seconds)
+    failed = False
+    for recording in recordings:
+        failed = failed or recording.error is not None or not recording.count
+        lost = f" {recording.dropped} were lost: the disk is too slow." if recording.dropped else ""
+        wrong = f" It ended early: {recording.error}" if recording.error else ""
+        say.print(f"{recording.path}: {recording.count} entries.{lost}{wrong}", markup=False, soft_wrap=True)
+    return FAILED if failed else DONE
+
+
+def record_to(
+    plant: Plant, out: Path, stack: AsyncExitStack, *, max_bytes: int = MAX_BYTES, keep: int = KEEP
+) -> list[Recording]:
+    """Record each bus of a plant: to `out`, or where there are several to one file each, named after the bus."""
+    if not out.parent.is_dir():
+        raise ValueError(f"There is no folder {out.parent} to write {out.name} to.")
+    several = len(plant.buses) > 1
+    recordings = []
+    for name, bus in plant.buses.items():
+        path = out.with_name(f"{out.stem}.{name}{out.suffix}") if several else out
+        recordings.append(stack.enter_context(bus.record_to(path, max_bytes=max_bytes, keep=keep)))
+    return recordings
+
+
+def _watched(where: Where, record: Path | None) -> AbstractAsyncContextManager[Watcher]:
+    @asynccontextmanager
+    async def opening() -> AsyncIterator[Watcher]:
+        async with open_plant(where, watchdogs=where.sim) as plant, AsyncExitStack() as stack:
+            if record is not None:
+                record_to(plant, record, stack)
+            watcher = Watcher.of(plant)
+            virtual = plant.axes if where.sim else {}
+            moving = [asyncio.ensure_future(_to_and_fro(watcher, name, axis)) for name, axis in virtual.items()]
+            try:
+                yield watcher
+            finally:
+                for task in moving:
+                    task.cancel()
+                await asyncio.gather(*moving, return_exceptions=True)
+
+    return opening()
+
+
+async def _to_and_fro(watcher: Watcher, name: str, axis: Any) -> None:
+    """Move a virtual axis, so that there is something to see; until it is stopped."""
+    with contextlib.suppress(BusError):
+        await axis.enable()
+        for target in itertools.cycle((3.0 * axis.units_per_turn, 0.0)):
+            if name in watcher.stopped:
+                break
+            await axis.move_to(target, rpm=60)
+            await asyncio.sleep(1)

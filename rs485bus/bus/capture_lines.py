@@ -39,6 +39,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any, Final, Literal, NamedTuple
 
 from rs485bus.bus.record import Record
@@ -119,6 +120,11 @@ class Header:
     """The time of day at which it began, in UTC, by ISO 8601."""
     by: Literal["bus", "sniffer"] = "bus"
     version: int = field(default=VERSION)
+
+    @classmethod
+    def now(cls, port: str, line: LineSettings) -> Header:
+        """That of a capture which begins now."""
+        return cls(port=port, line=line, started=datetime.now(UTC).isoformat())
 
 
 def exchange_of(record: Record, since: float) -> Exchange:

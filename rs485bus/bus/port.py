@@ -99,6 +99,13 @@ class Port:
         lost = await self._open()
         if lost is not None:
             self.lost(lost)
+        if self._config.silence is not None:
+            _log.warning(
+                "%s: %.2f ms of silence between frames, as configured, instead of the %.2f ms of Modbus (t3.5)",
+                self._transport.name,
+                1000 * self._config.silence,
+                1000 * self._transport.line.t35,
+            )
 
     async def close(self) -> None:
         """Close it, and do not open it again."""

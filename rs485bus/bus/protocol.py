@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, Unpack
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.record import Record
-from rs485bus.bus.schedule.job import Urgency
-from rs485bus.bus.schedule.verification import Verification
+from rs485bus.bus.requests import AskOptions
 from rs485bus.bus.stopping.halt import Procedure
 from rs485bus.bus.units.adapter import DeviceAdapter
-from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.frames import Request
-from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
 
@@ -56,18 +53,5 @@ class BusProtocol(Protocol):
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""
 
-    async def ask(
-        self,
-        request: Request,
-        *,
-        urgency: Urgency = Urgency.COMMAND,
-        repeat: Repeat = Repeat.SAFE,
-        timeout: float | None = None,
-        moves: bool = False,
-        motion: Motion | None = None,
-        reply_timeout: float | None = None,
-        verify: Verification | None = None,
-        family: str | None = None,
-        pause: float | None = None,
-    ) -> bytes:
+    async def ask(self, request: Request, **options: Unpack[AskOptions]) -> bytes:
         """Send a request; return the frame that answers it."""

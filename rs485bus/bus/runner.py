@@ -14,6 +14,8 @@ _log = logging.getLogger("rs485bus")
 
 BLOCKED = 0.25
 """Seconds by which the event loop may be late before it is said that something blocks it."""
+_STOPS_TAKE = 0.5
+"""Seconds for which it is waited until stops are on the wire. A device may be left alone for a while."""
 _SAID_EVERY = 10.0
 """Seconds within which that is said once."""
 
@@ -117,6 +119,22 @@ class OwnerRunner:
             raise
         finally:
             self._running = False
+
+    def after_stops(self, callback: Callable[[], None]) -> None:
+        """Call back as soon as all stops that wait are on the wire; before long, too, where they cannot go out."""
+        called: list[None] = []
+
+        def once() -> None:
+            if not called:
+                called.append(None)
+                callback()
+
+        if self._owner.gate.closed:
+            callback()
+            return
+        self._owner.after_stops(once)
+        self._loop.call_later(_STOPS_TAKE, once)
+        self.run()
 
     def close(self) -> None:
         """Wake the owner never again."""

@@ -252,7 +252,7 @@ class Streamer:
         if self._job.request is not self._frames[0] or self._job.attempts:
             return
         frames = self._setpoints(speeds)
-        if self._bus.replace(self._job, frames[0]):
+        if self._job.replace(frames[0]):
             self._frames, self._rest, self._next = frames, deque(frames[1:]), speeds
 
     def _tell(self, speeds: Speeds, now: float) -> None:

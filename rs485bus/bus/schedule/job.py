@@ -218,6 +218,13 @@ class Job:
         self.code: int | None = None
         """The exception code that answered its latest attempt, if one did."""
 
+    def replace(self, request: Request) -> bool:
+        """Have it say something newer, if it was never sent. False if it is too late."""
+        if self.outcome is not None or self.attempts:
+            return False
+        self.request = request
+        return True
+
     @property
     def is_repeatable(self) -> bool:
         """Whether it does no harm to send it again where it may have arrived."""

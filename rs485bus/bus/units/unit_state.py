@@ -17,6 +17,7 @@ from rs485bus.bus.units.probing import IDLE_EVERY, IDLE_SHARE, AnsweredRequests,
 from rs485bus.bus.units.reachability import Reachability
 from rs485bus.bus.units.reply_times import ReplyTimes
 from rs485bus.bus.watchdog.armed import Ledger
+from rs485bus.errors import AddressInUse
 from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import HIGHEST_ADDRESS, Request
@@ -208,6 +209,30 @@ class UnitStates:
             unit.late.expire(now)
         self._owing = {unit for unit in self._owing if unit.late}
         return [unit.late for unit in self._owing]
+
+    @property
+    def devices(self) -> list[DeviceAdapter]:
+        """The devices attached."""
+        return [unit.attached for unit in self._by_address.values() if unit.attached is not None]
+
+    def attach(self, attached: DeviceAdapter) -> None:
+        """A device takes its address.
+
+        Raises:
+            AddressInUse: there is one already.
+        """
+        unit = self[attached.address]
+        if unit.attached is not None:
+            raise AddressInUse(
+                f"Address {attached.address} has a facade already ({unit.attached.family}). "
+                "Use that one in all places; two would not know of each other's moves."
+            )
+        unit.attach(attached)
+
+    def family(self, address: int) -> str | None:
+        """The family of the device attached at an address; None if there is none, or for the broadcast address."""
+        attached = self[address].attached if address else None
+        return None if attached is None else attached.family
 
     def owes(self, unit: UnitState, job: Job, deadline: float) -> None:
         """The job's latest attempt got no reply within its budget."""

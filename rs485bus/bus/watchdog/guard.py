@@ -119,16 +119,19 @@ class WatchdogGuard:
     def __init__(
         self,
         bus: BusProtocol,
-        devices: Sequence[DeviceAdapter],
+        axes: Sequence[BusMember],
         members: Sequence[BusMember],
         timeout: float,
         lease: float | None,
     ) -> None:
+        for axis in axes:
+            if not hasattr(axis, "attached"):
+                raise TypeError(f"watchdog() guards axes, not {axis!r}: bus.watchdog(x, y, timeout=1.0)")
         self._bus = bus
-        self._devices = list({device.address: device for device in devices}.values())
+        self._devices = list({axis.attached.address: axis.attached for axis in axes}.values())
         if not self._devices:
             raise ValueError("watchdog() guards nothing: name the axes that it is to guard")
-        self._members = members
+        self._members = [member for member in members if member.attached in self._devices]
         self.timeout = real("timeout", timeout)
         for device in self._devices:
             check_watchdog(device, self.timeout)

@@ -303,5 +303,6 @@ def _table(value: Any) -> Any:
     """A value as TOML holds it."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kind = [("kind", name) for name, made in _HOMINGS.items() if isinstance(value, made)]
-        return {**dict(kind), **{field.name: _table(getattr(value, field.name)) for field in dataclasses.fields(value)}}
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return {**dict(kind), **{name: _table(part) for name, part in fields.items() if part is not None}}
     return _plain(value)

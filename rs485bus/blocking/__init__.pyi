@@ -335,7 +335,6 @@ class Bus:
     """
     config: BusConfig
     broadcast: Broadcast
-    stopped: list[Halted]
     def mks(self, address: int, *, model: Model = ..., mode: WorkMode = ..., microsteps: int = 16, units_per_turn: float = 1.0, reverse: bool = False, positive: MotionDirection = ..., limits: tuple[float, float] | None = None, rpm: float = 300.0, acceleration: float = 1000.0, tolerance: int | None = None) -> MksServo:
         """The MKS SERVO drive at an address, 1..247. Settings and errors are those of `MksServo`.
 
@@ -440,6 +439,10 @@ class Bus:
     @property
     def stats(self) -> BusStats:
         """What happened on the bus since it was opened. Counts go on; copy what you want to keep."""
+        ...
+    @property
+    def stopped(self) -> list[Halted]:
+        """How each device that might have moved ended up when the bus was closed."""
         ...
     def subscribe(self, observer: Callable[[Record], None]) -> Callable[[], None]:
         """Have `observer` called with the record of each transaction. Returns a function that ends that.

@@ -11,7 +11,7 @@ its repetition. Which, their distances tell: a reply comes soon, repetitions com
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final, NamedTuple
 
 from rs485bus.bus.capture_lines import Drive, Entry, Exchange, Stray
@@ -158,7 +158,7 @@ class Sniffer:
         while self._buffer:
             data = bytes(self._buffer[:MAX_FRAME])
             lengths = list(self._lengths(data))
-            found = next((n for n in lengths if _SHORTEST <= n <= len(data) and ends_in_crc(data[:n])), 0)
+            found = _whole(data, lengths)
             if not found and silent and len(data) >= _SHORTEST and len(data) == len(self._buffer) and ends_in_crc(data):
                 found = len(data)  # of a function that nobody knows
             if found:
@@ -166,7 +166,7 @@ class Sniffer:
                 self._tell_stray()
                 self.frames += 1
                 self._frame(data[:found], begin, end)
-            elif silent or not _may_grow(lengths, len(data)):
+            elif silent or not _may_grow(lengths, len(data)) or (not lengths and self._holds_frame(data)):
                 begin, end = self._take(1)
                 if not self._stray:
                     self._stray_since = begin
@@ -176,6 +176,10 @@ class Sniffer:
                 break
         if silent:
             self._tell_stray()
+
+    def _holds_frame(self, data: bytes) -> bool:
+        """Whether a frame of a known function begins behind the first byte: what precedes it is none then."""
+        return any(_whole(data[at:], self._lengths(data[at:])) for at in range(1, len(data) - _SHORTEST + 1))
 
     def _lengths(self, data: bytes) -> Iterator[int]:
         """How long the frame that begins here may be, the likeliest first; more than there is to be waited for."""
@@ -314,6 +318,11 @@ class Sniffer:
 
     def _is_late(self, twin: _Twin) -> bool:
         return twin.gap > max(_SOON, _TIMES * self._slowest.get(twin.asked.frame[0], 0.0))
+
+
+def _whole(data: bytes, lengths: Iterable[int]) -> int:
+    """Which of some lengths the frame has that begins here; 0 if none is there as a whole."""
+    return next((n for n in lengths if _SHORTEST <= n <= len(data) and ends_in_crc(data[:n])), 0)
 
 
 def _may_grow(lengths: list[int], there: int) -> bool:

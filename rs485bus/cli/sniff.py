@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,14 +18,21 @@ from rs485bus.bus.recording import KEEP, Recording
 from rs485bus.capture.reading import Capture
 from rs485bus.capture.sniffer import Sniffer
 from rs485bus.capture.statistics import summarise
+from rs485bus.cli.session import Where, open_plant
 from rs485bus.cli.telling import Teller, print_json, summary_json
+from rs485bus.cli.virtual import BAUDRATE
+from rs485bus.cli.watch import to_and_fro
 from rs485bus.errors import PortError
-from rs485bus.transport.interface import Transport
-from rs485bus.wire.timing import Parity
+from rs485bus.sim import VirtualLine
+from rs485bus.transport.alarm import Alarm, make_alarm
+from rs485bus.transport.interface import Sink, Transport
+from rs485bus.wire.timing import LineSettings, Parity
 
 _HINT_AFTER = 5.0
 """Seconds after which it is said why nothing may be heard."""
 _TICK = 0.02
+_NAMES = {"MKS": "mks", "ZLAC": "zlac", "TL-R": "tlr"}
+"""How plants call the families."""
 _KEPT = 200_000
 """Exchanges that the statistics at the end are made of: the latest."""
 
@@ -131,8 +139,44 @@ class Listening:
         print(said, file=sys.stderr, flush=True)
 
 
+class VirtualPair:
+    """Virtual drives that move to and fro, as a pair to listen to.
+
+    Args:
+        where: which ones.
+    """
+
+    name = "virtual line"
+    gateway = False
+    unsent = 0
+
+    def __init__(self, where: Where) -> None:
+        self.line = LineSettings(baudrate=BAUDRATE)
+        self._where = where
+        self._open = AsyncExitStack()
+
+    async def open(self, sink: Sink) -> None:
+        plant = await self._open.enter_async_context(open_plant(self._where))
+        (line,) = plant.lines.values()
+        assert isinstance(line, VirtualLine)
+        self._open.callback(line.listen(lambda data, _: sink.received(data)))
+        await self._open.enter_async_context(to_and_fro(plant))
+
+    async def close(self) -> None:
+        await self._open.aclose()
+
+    def write(self, data: bytes) -> None:
+        """Nothing is ever sent."""
+
+    def abort(self) -> None:
+        """There is nothing to give up."""
+
+    def alarm(self, callback: Callable[[], None]) -> Alarm:
+        return make_alarm(asyncio.get_running_loop(), callback)
+
+
 async def sniff(
-    port: str,
+    port: str | None,
     baudrate: int,
     parity: Parity,
     stopbits: int,
@@ -148,17 +192,8 @@ async def sniff(
     json: bool,
     drives: dict[int, str],
 ) -> int:
-    """Listen to a pair, and tell what is heard. Returns the exit code."""
-    make = transport_at(
-        port,
-        baudrate=baudrate,
-        parity=parity,
-        stopbits=2 if stopbits == 2 else 1,
-        backend=None,
-        native=False,
-        config=BusConfig(),
-    )
-    listening = Listening(make(), drives)
+    """Listen to a pair, and tell what is heard. Without a port there are virtual drives. Returns the exit code."""
+    listening = Listening(_transport(port, baudrate, parity, stopbits, drives), drives if port else {})
     capture = listening.capture
     teller = Teller(console, capture.families, hexadecimal=hexadecimal, errors_only=errors_only)
     if not (quiet or json):
@@ -176,3 +211,21 @@ async def sniff(
         if record is not None:
             console.print(f"Recorded to {record}.", markup=False, soft_wrap=True)
     return 0
+
+
+def _transport(port: str | None, baudrate: int, parity: Parity, stopbits: int, drives: dict[int, str]) -> Transport:
+    """The way to a pair; to a virtual one where no port is named."""
+    if port is None:
+        named: dict[str, list[int]] = {}
+        for address, family in drives.items():
+            named.setdefault(_NAMES[family], []).append(address)
+        return VirtualPair(Where(drives=named, sim=True))
+    return transport_at(
+        port,
+        baudrate=baudrate,
+        parity=parity,
+        stopbits=2 if stopbits == 2 else 1,
+        backend=None,
+        native=False,
+        config=BusConfig(),
+    )()

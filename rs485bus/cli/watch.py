@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import itertools
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -85,24 +85,30 @@ def _watched(where: Where, record: Path | None) -> AbstractAsyncContextManager[W
             if record is not None:
                 record_to(plant, record, stack)
             watcher = Watcher.of(plant)
-            virtual = plant.axes if where.sim else {}
-            moving = [asyncio.ensure_future(_to_and_fro(watcher, name, axis)) for name, axis in virtual.items()]
-            try:
-                yield watcher
-            finally:
-                for task in moving:
-                    task.cancel()
-                await asyncio.gather(*moving, return_exceptions=True)
+            if where.sim:
+                await stack.enter_async_context(to_and_fro(plant, watcher.stopped))
+            yield watcher
 
     return opening()
 
 
-async def _to_and_fro(watcher: Watcher, name: str, axis: Any) -> None:
-    """Move a virtual axis, so that there is something to see; until it is stopped."""
+@asynccontextmanager
+async def to_and_fro(plant: Plant, stopped: Collection[str] = ()) -> AsyncIterator[None]:
+    """Move the axes of a virtual plant, so that there is something to see; each until it is among those stopped."""
+    moving = [asyncio.ensure_future(_to_and_fro(name, axis, stopped)) for name, axis in plant.axes.items()]
+    try:
+        yield
+    finally:
+        for task in moving:
+            task.cancel()
+        await asyncio.gather(*moving, return_exceptions=True)
+
+
+async def _to_and_fro(name: str, axis: Any, stopped: Collection[str]) -> None:
     with contextlib.suppress(BusError):
         await axis.enable()
         for target in itertools.cycle((3.0 * axis.units_per_turn, 0.0)):
-            if name in watcher.stopped:
+            if name in stopped:
                 break
             await axis.move_to(target, rpm=60)
             await asyncio.sleep(1)

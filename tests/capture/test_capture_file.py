@@ -1,6 +1,7 @@
 """Capture files: written while a bus goes on, in several files, and read again."""
 
 import json
+import threading
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,7 @@ async def test_closing_the_bus_ends_the_recording(tmp_path: Path) -> None:
     async with open_bus(cell()) as bus:
         recording = bus.record_to(tmp_path / "cell.jsonl")
         await bus.unit(9).read_holding_registers(0, 2)
+    assert not any("cell.jsonl" in thread.name for thread in threading.enumerate())
     assert len(load(tmp_path / "cell.jsonl").exchanges) == recording.count == 1
     recording.close()
 
@@ -136,7 +138,9 @@ def test_a_capture_that_is_there_is_kept_and_another_file_is_not_touched(tmp_pat
         Recording(tmp_path / "b.jsonl", HEADER, max_bytes=1)
 
 
-def test_a_disk_that_is_full_ends_the_recording_and_not_the_bus(tmp_path: Path) -> None:
+def test_a_disk_that_is_full_ends_the_recording_and_not_the_bus(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     recording = Recording(tmp_path / "a.jsonl", HEADER)
 
     class Full:
@@ -151,6 +155,7 @@ def test_a_disk_that_is_full_ends_the_recording_and_not_the_bus(tmp_path: Path) 
         recording.put(Exchange(at, at, 1, FRAME, b"", "no reply"))
     recording.close()
     assert "No space left" in str(recording.error)
+    assert caplog.text.count("nothing is recorded any more") == 1
 
 
 def test_files_of_two_captures_are_not_mixed(tmp_path: Path) -> None:

@@ -110,6 +110,15 @@ def test_what_is_no_frame_is_told_as_bytes_and_what_follows_is_found() -> None:
     assert [each.data for each in found if isinstance(each, Stray)] == [bytes.fromhex("00FF13"), REPLY[:4]]
 
 
+def test_frames_behind_garbage_are_found_on_a_pair_that_is_never_quiet_for_long() -> None:
+    found: list[Entry] = []
+    sniffer = Sniffer(LINE, found.append)
+    sniffer.feed(bytes.fromhex("00FF13"), 1.0)
+    for at in range(20):
+        sniffer.feed(READ if at % 2 == 0 else REPLY, 1.003 + 0.003 * at)
+    assert outcomes(found)[:3] == ["stray", "reply", "reply"]
+
+
 def test_a_frame_of_a_function_that_nobody_knows_is_found_by_silence() -> None:
     own = frame("09 65 010203040506")
     found = heard((1.0, own), (1.5, READ), (1.505, REPLY))

@@ -53,6 +53,15 @@ def test_it_tells_what_mbpoll_asks_and_what_virtual_drives_answer(tmp_path: Path
     in_real_time(main)
 
 
+def test_it_can_be_tried_on_virtual_drives() -> None:
+    async def main() -> None:
+        said = await run(*COMMAND, "sniff", "--sim", "--mks", "5", "--seconds", "2")
+        assert "Unit 5 speaks as MKS drives do." in said
+        assert "5 MKS  command write absolute move" in said
+
+    in_real_time(main)
+
+
 @posix
 def test_a_port_that_is_not_there_and_one_with_nothing_on_it(tmp_path: Path) -> None:
     async def main() -> None:

@@ -42,6 +42,7 @@ async def test_it_sees_positions_targets_set_points_and_margins() -> None:
             assert seen["y"].target == pytest.approx(2.0)
             assert seen["left"].set_point == 30
             assert seen["left"].target is None
+            assert seen["right"].set_point in (None, 0)
             assert seen["x"].margin is not None
             assert 0.5 < seen["x"].margin <= 1.0
             assert seen["x"].watchdog == 1.0

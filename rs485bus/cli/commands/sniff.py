@@ -8,11 +8,14 @@ from typing import Annotated, Optional
 import typer
 
 from rs485bus.cli.commands.captures import Errors, Hexadecimal, Keep, MaxMegabytes, families
-from rs485bus.cli.options import Baudrate, Json, Mks, Tlr, Zlac
+from rs485bus.cli.options import Baudrate, Json, Mks, Sim, Tlr, Zlac
 
 
 def sniff(
-    port: Annotated[str, typer.Argument(metavar="PORT", help="A serial port of its own on the pair.")],
+    port: Annotated[
+        Optional[str],  # noqa: UP045 - typer reads it
+        typer.Argument(metavar="PORT", help="A serial port of its own on the pair."),
+    ] = None,
     baudrate: Baudrate = 115200,
     parity: Annotated[str, typer.Option(help="N, E or O.")] = "N",
     stopbits: Annotated[int, typer.Option(min=1, max=2, help="1 or 2.")] = 1,
@@ -32,12 +35,15 @@ def sniff(
     mks: Mks = None,
     zlac: Zlac = None,
     tlr: Tlr = None,
+    sim: Sim = False,
     json: Json = False,
 ) -> None:
     """Listen to a pair that another master owns: frames in words, drives recognised, errors marked."""
     from rs485bus.cli import sniff as work
     from rs485bus.cli.process import console, start
 
+    if (port is None) != sim:
+        raise typer.BadParameter("name a port to listen on, or --sim to listen to virtual drives: one of the two")
     known = {address: family for family, addresses in families(mks, zlac, tlr) for address in addresses}
     start(
         lambda: work.sniff(

@@ -14,6 +14,7 @@ from rs485bus.devices.mks.frames import read, write
 from rs485bus.devices.mks.values import Status
 from rs485bus.sim import Noise
 from rs485bus.sim.rig import Rig
+from rs485bus.sim.treatment import PLAIN, Treatment
 from rs485bus.wire.frames import read_holding
 from rs485bus.wire.registers import Repeat
 from tests.bus.support import Deaf, Drive, Scripted, drives
@@ -340,3 +341,23 @@ def test_a_broadcast_neither_moves_what_is_locked_nor_overtakes_a_stop() -> None
     rig.owner.units[1].locked = "it was stopped for safety"
     refused = rig.submit(write(0, r.ENABLE, 1), repeat=Repeat.NEVER, moves=True)
     assert (refused.outcome, refused.reason) == (Outcome.NOT_SENT, Reason.LOCKED)
+
+
+@pytest.mark.parametrize("again_after", [0.02, 0.15])
+def test_a_stop_of_a_drive_that_stands_is_confirmed_though_its_answers_all_look_alike_and_one_was_late(
+    again_after: float,
+) -> None:
+    """It stands, so that each of its answers could be a copy of the late one: of two equal ones, one is no copy."""
+    rig = Rig()
+    (drive,) = drives(rig, 1)
+    for _ in range(5):
+        for what in (r.STATUS, r.POSITION, r.PULSES):
+            rig.done(rig.submit(read(1, what)))
+    late = [Treatment(delay=0.2)]
+    looks = read(1, r.POSITION).adu
+    rig.pair.script = lambda frame, now: late.pop() if late and frame == looks else PLAIN
+    drive.stop(rig)
+    rig.run(again_after)
+    drive.stop(rig)
+    rig.run(1.0, lambda: len(drive.halted) > 1)
+    assert [halted.standing for halted in drive.halted] == [True, True]

@@ -105,8 +105,8 @@ class PendingReplies:
         if not self._owed:
             return job.sent_at
         heard = self._heard.get(frame)
-        if heard is not None and not (self._in_order and job.backs_off and heard.came_again):
-            # There is one copy at most: of two that came after a question was asked, one is its answer.
+        if heard is not None and not (self._in_order and heard.came_again):
+            # There is one copy at most: of two that came after something was asked, one is its answer.
             heard.came_again = True
             self.unanswered(job, until)  # it may be a copy
             return heard.since

@@ -326,8 +326,8 @@ class Halt:
 
     def _judge(self, look: Job, pacing: Pacing) -> bool | None:
         """Whether it stands, from what it answered; None if that is not known."""
-        if look.outcome is Outcome.REPLY:
-            self._looks.pop(look.request, None)  # to ask once more is no repetition
+        if look.outcome is Outcome.REPLY and look.answered_since >= look.sent_at:
+            self._looks.pop(look.request, None)  # to ask once more is no repetition; else either answer will do
         if look.outcome is not Outcome.REPLY or look.answered_since < self._evidence_from:
             return None
         stands = self._detector.see(look.request, look.reply, look.answered_since)

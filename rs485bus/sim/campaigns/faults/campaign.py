@@ -97,10 +97,10 @@ def report(found: Found, seconds: float) -> str:
     return "\n".join(lines)
 
 
-def account(case: Case, evidence: Evidence, wrong: list[tuple[str, str]]) -> str:
+def account(says: str, evidence: Evidence, wrong: list[tuple[str, str]]) -> str:
     """One run, for people: what was called, what was on the line, what went wrong."""
     begun = evidence.begun
-    lines = [f"{case.script.says}", ""]
+    lines = [says, ""]
     lines += [
         f"{frame.at - begun:9.4f}  {at:4d}  {frame.data.hex(' ').upper()}  {frame.treated}"
         for at, frame in enumerate(evidence.frames)
@@ -200,7 +200,7 @@ def main() -> int:
         options.frame, options.fault = ("", "") if options.frame == "-1" else (options.frame, options.fault)
         for case in _cases(options):
             evidence, wrong = case.judged()
-            print(account(case, evidence, wrong))
+            print(account(case.script.says, evidence, wrong))
         return 1 if wrong else 0
     begun = time.perf_counter()
     chosen = bases(options.family, options.scenario, options.option)

@@ -51,6 +51,8 @@ class Shaft:
     sign: int = 1
     """-1 where the axis counts the other way than the shaft."""
     turns_per_unit: float = 1.0
+    pulses_per_turn: int = 3200
+    """What the moves that are told in pulses count."""
     home: float = 0.0
     """Where the shaft stands when its axis is home: its position 0."""
     slack: float = 0.004
@@ -98,7 +100,8 @@ class Shaft:
 
     def turns_at(self, when: float) -> bool:
         """Whether it turned then."""
-        return self.at(when).rpm != 0
+        before = bisect_right(self.samples, when, key=lambda sample: sample.at)
+        return self.samples[max(0, before - 1)].rpm != 0
 
     def motions(self) -> Iterator[tuple[float, float]]:
         """From when to when it turned, each time."""

@@ -3,16 +3,60 @@
 from __future__ import annotations
 
 from rs485bus.devices.mks import Status
+from rs485bus.devices.tlr import OperatingMode
+from rs485bus.devices.zlac import ShaftState
 from rs485bus.sim.campaigns.faults.plant import Option
 
 PLAIN = Option("As the manual reads at first sight.")
 
-OPTIONS: dict[str, dict[str, Option]] = {
-    "mks": {
-        "plain": PLAIN,
-        "stuck-status": Option("0xF1 says for ever that it slows down.", {"stuck_status": Status.SLOWING_DOWN}),
-        "settles-off": Option("It stands 0.3° off its target.", {"machine": {"following_error": 14}}, slack=14 / 16384),
-    },
-    "zlac": {"plain": PLAIN},
-    "tlr": {"plain": PLAIN},
+MKS = {
+    "plain": PLAIN,
+    "stuck-status": Option("0xF1 says for ever that it slows down.", {"stuck_status": Status.SLOWING_DOWN}),
+    "settles-off": Option("It stands 0.3° off its target.", {"machine": {"following_error": 14}}, slack=14 / 16384),
+    "starts-late": Option("It starts 30 ms after it was told to.", {"machine": {"start_delay": 0.03}}),
+    "trip-latches": Option("After its watchdog stopped it, it wants to be enabled.", {"trip_latches": True}),
+    "off-at-power-on": Option("It is not energised when it is switched on.", {"enabled_at_power_on": False}),
+    "fed-by-all": Option(
+        "Frames to others and broadcasts feed its watchdog, too.",
+        {"fed_by": frozenset({"reads", "writes", "others", "broadcasts"})},
+    ),
+    "microsteps-8": Option(
+        "Speeds count otherwise at 8 microsteps (7.1).", {"microsteps": 8}, {"microsteps": 8, "rpm": 300.0}
+    ),
 }
+ZLAC = {
+    "plain": PLAIN,
+    "left-is-high": Option(
+        "The left wheel is in the high half of 0x20A2.", {"status_word_left": "high"}, {"status_word_left": "high"}
+    ),
+    "ramps-for-the-range": Option(
+        "Ramp times are for the whole range of speeds.", {"ramp_rpm": 1000.0}, {"ramp_rpm": 1000.0}
+    ),
+    "enable-forgets": Option("Enabling forgets the position it was going to.", {"enable_resumes": False}),
+    "mode-releases": Option("A change of mode lets go of the wheels.", {"mode_change_releases": True}),
+    "no-rpm-in-position-mode": Option("Speeds read 0 in position mode.", {"rpm_in_position_mode": False}),
+    "trip-releases": Option("Its watchdog lets go of the wheels.", {"trip_state": ShaftState.RELEASED}),
+    "watchdog-off": Option("It is shipped with its watchdog off.", {"watchdog": 0}),
+}
+TLR = {
+    "plain": PLAIN,
+    "triggers-by-write": Option(
+        "Every write that has a bit set starts it.", {"trigger": "write"}, {"clear_trigger": False}
+    ),
+    "truncates": Option("It keeps four registers of a block.", {"truncates": 4}),
+    "admits-truncation": Option(
+        "It keeps four registers of a block, and says so.", {"truncates": 4, "admits_truncation": True}
+    ),
+    "ignores": Option("What it cannot do it acknowledges and ignores.", {"denies": False}),
+    "uses-targets-up": Option("A trigger uses the target up.", {"keeps_target": False}, {"keeps_target": False}),
+    "live-jog": Option("A jog under way takes a new speed.", {"live_jog": True}, {"live_jog": True}),
+    "enabled-bit-lies": Option("Status bit 4 is always set.", {"enabled_bit": True}),
+    "enabled-bit-never": Option("Status bit 4 is never set.", {"enabled_bit": False}),
+    "settles-off": Option(
+        "A closed loop stands 3 pulses off its target.", {"machine": {"following_error": 3}}, slack=3 / 4000
+    ),
+    "starts-late": Option("It starts 30 ms after it was told to.", {"machine": {"start_delay": 0.03}}),
+    "stays-homed": Option("While it homes it says that it is homed.", {"machine": {"stays_homed": True}}),
+    "open-loop": Option("It has no encoder.", {"operating_mode": OperatingMode.OPEN_LOOP}),
+}
+OPTIONS: dict[str, dict[str, Option]] = {"mks": MKS, "zlac": ZLAC, "tlr": TLR}

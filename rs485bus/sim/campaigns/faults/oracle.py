@@ -11,7 +11,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from rs485bus.sim.campaigns.faults.evidence import NEVER, Call, Evidence, Shaft
-from rs485bus.sim.campaigns.faults.reckoning import STANDING, Leg, is_moving_verb, legs, next_wish, open_wishes
+from rs485bus.sim.campaigns.faults.reckoning import (
+    STANDING,
+    Leg,
+    is_moving_verb,
+    legs,
+    next_wish,
+    open_wishes,
+    wishes_between,
+)
 
 GRACE = 0.02
 """Seconds in which a frame that was on the wire already is heard, and the motor starts."""
@@ -118,8 +126,11 @@ def _refused(evidence: Evidence) -> Iterator[Finding]:
         if not nothing or not is_moving_verb(call):
             continue
         for shaft in _shafts(evidence, call):
-            others = [other for other in open_wishes(evidence, shaft, call.begun) if other is not call]
-            if others or shaft.turns_at(call.begun) or next_wish(evidence, shaft, call.begun, call) < call.ended:
+            if (
+                open_wishes(evidence, shaft, call.begun, call)
+                or shaft.turns_at(call.begun)
+                or next_wish(evidence, shaft, call.begun, call) < call.ended
+            ):
                 continue
             way = shaft.at(call.ended).position - shaft.at(call.begun).position
             if abs(way) > 1e-6:
@@ -146,7 +157,7 @@ def _older(evidence: Evidence) -> Iterator[Finding]:
 def _asked_for(evidence: Evidence) -> Iterator[Finding]:
     for shaft in evidence.shafts.values():
         for start in shaft.starts:
-            if not open_wishes(evidence, shaft, start):
+            if not wishes_between(evidence, shaft, start - GRACE, start):
                 yield f"{shaft.name} is set in motion at {_time(evidence, start)}, and nobody asked for that"
                 break
 
@@ -174,7 +185,7 @@ def _failure(evidence: Evidence) -> Iterator[Finding]:
             continue
         for shaft in _shafts(evidence, call):
             until = min(next_wish(evidence, shaft, call.ended), evidence.ended)
-            if open_wishes(evidence, shaft, call.ended) or _told_running(evidence, call, shaft):
+            if open_wishes(evidence, shaft, call.ended, call) or _told_running(evidence, call, shaft):
                 continue
             for begin, end in shaft.motions():
                 begin, end = max(begin, call.ended), min(end, until)
@@ -267,7 +278,7 @@ def _others(evidence: Evidence) -> Iterator[Finding]:
             continue
         for name in {each for shaft in _shafts(evidence, call) for each in shaft.together}:
             other = evidence.shafts[name]
-            until = min(next_wish(evidence, other, call.begun, call), evidence.ended)
+            until = min(next_wish(evidence, other, call.ended), evidence.ended)
             stands_by = call.ended + STOP_TAKES
             if stands_by + _unreachable(evidence, other, call.ended, until) < until and any(
                 begin < call.ended and end > stands_by + _unreachable(evidence, other, call.ended, end)
@@ -317,16 +328,17 @@ def _fed(evidence: Evidence) -> Iterator[Finding]:
 def _best(evidence: Evidence) -> Iterator[Finding]:
     if evidence.expected is None:
         return
-    calls = [call for call in evidence.calls if not call.aside]
-    ends = [(call.who, call.verb, call.end) for call in calls]
-    for at, (expected, got) in enumerate(zip(evidence.expected, ends, strict=False)):
-        if expected == got or expected[2] != "done":
-            continue
-        if calls[at].verb not in evidence.may_differ:
-            yield f"{calls[at]}, where {expected[1]} would have ended {expected[2]}"
-        return
-    if len(ends) < len(evidence.expected):
-        yield f"{evidence.expected[len(ends)][1]} was not reached"
+    unknown = any(call.verb in evidence.may_differ and call.error is not None for call in evidence.calls)
+    for who in dict.fromkeys(who for who, _, _ in evidence.expected if not unknown):
+        expected = [(verb, end) for one, verb, end in evidence.expected if one == who]
+        calls = [call for call in evidence.calls if call.who == who and not call.aside]
+        for call, (verb, end) in zip(calls, expected, strict=False):
+            if (call.verb, call.end) != (verb, end) and end == "done":
+                yield f"{call}, where {verb} would have ended {end}"
+                break
+        else:
+            if len(calls) < len(expected):
+                yield f"{who} did not come to {expected[len(calls)][0]}"
 
 
 # Inside

@@ -160,7 +160,8 @@ class MksUnderTest(Drive):
         machine = Machine(home_switch=start - 0.5, **self.option.sim.get("machine", {}))
         sim = {name: value for name, value in self.option.sim.items() if name != "machine"}
         self._sim = SimMks(self.address, shaft=start, machine=machine, **sim)
-        return [Shaft(f"mks {self.address}", self.address, home=start - 0.5)]
+        pulses = 200 * int(sim.get("microsteps", 16))
+        return [Shaft(f"mks {self.address}", self.address, home=start - 0.5, pulses_per_turn=pulses)]
 
     @property
     def sim(self) -> SimMks:

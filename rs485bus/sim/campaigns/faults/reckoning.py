@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 from rs485bus.sim.campaigns.faults.evidence import NEVER, Call, Evidence, Shaft
 
-STANDING = frozenset({"stop", "emergency_stop", "disable", "release"})
+STANDING = frozenset({"stop", "emergency_stop", "disable", "release", "leave stream"})
 """Verbs after which the motor stands."""
 _TO, _BY = "move_to", "move_by"
 _FREE = frozenset({"run", "torque", "drive", "stream", "retarget"})
-_COUNTED = {"move_by_counts": 16384, "move_by_pulses": 3200, "move_to_pulses": 3200}
-"""Counts a turn of the moves that are told in counts."""
+_COUNTED = frozenset({"move_by_counts", "move_by_pulses", "move_to_pulses"})
+_COUNTS_PER_TURN = 16384
 _SEEKING = frozenset({"home", "return_to_zero"})
 MOVING = frozenset({_TO, _BY, *_FREE, *_COUNTED, *_SEEKING})
 _NOTHING_QUEUED = frozenset({"LimitExceeded", "TypeError", "ValueError"})
@@ -41,12 +41,21 @@ def next_wish(evidence: Evidence, shaft: Shaft, after: float, beside: Call | Non
     )
 
 
-def open_wishes(evidence: Evidence, shaft: Shaft, at: float) -> list[Call]:
+def open_wishes(evidence: Evidence, shaft: Shaft, at: float, beside: Call | None = None) -> list[Call]:
     """The calls that ask for motion of a shaft and are open then."""
     return [
         call
         for call in evidence.calls
-        if call.verb in MOVING and shaft.name in call.shafts and call.begun <= at <= call.ended
+        if call.verb in MOVING and shaft.name in call.shafts and call.begun <= at < call.ended and call is not beside
+    ]
+
+
+def wishes_between(evidence: Evidence, shaft: Shaft, begin: float, end: float) -> list[Call]:
+    """The calls that ask for motion of a shaft and are open at some time between two."""
+    return [
+        call
+        for call in evidence.calls
+        if call.verb in MOVING and shaft.name in call.shafts and call.begun <= end and call.ended >= begin
     ]
 
 
@@ -90,8 +99,7 @@ def legs(evidence: Evidence, shaft: Shaft) -> Iterator[Leg]:
             begun = max(call.begun, free)
             later = min((other.begun for other in moves if other.begun > call.begun), default=NEVER)
             until = later if call.ended == NEVER else max(later, call.ended)
-            here = shaft.at(begun)
-            start = here.position if here.rpm == 0 and last is call else None
+            start = shaft.at(begun).position if not shaft.turns_at(begun) and last is call else None
             target = _target(last, shaft, zero, start if base is None else base)
             yield Leg(call, begun, until, start, target, None, shaft.slack)
             base = target if done else None
@@ -121,8 +129,8 @@ def _told(call: Call, calls: list[Call], shaft: Shaft, zero: float | None, zeroe
 
 def _target(call: Call, shaft: Shaft, zero: float | None, base: float | None) -> float | None:
     """Where a call is to take the shaft."""
-    if call.failed & _NOTHING_QUEUED:
-        return None
+    if call.failed & _NOTHING_QUEUED or (call.failed and call.ended == call.begun):
+        return None  # it was refused as it was called
     if call.verb == "home":
         return shaft.home
     if call.verb == "return_to_zero":
@@ -131,7 +139,8 @@ def _target(call: Call, shaft: Shaft, zero: float | None, base: float | None) ->
         return None
     way = shaft.sign * shaft.turns_per_unit * float(call.args[0])  # type: ignore[arg-type]
     if call.verb in _COUNTED:
-        way = shaft.sign * float(call.args[0]) / _COUNTED[call.verb]  # type: ignore[arg-type]
+        counts = _COUNTS_PER_TURN if call.verb == "move_by_counts" else shaft.pulses_per_turn
+        way = shaft.sign * float(call.args[0]) / counts  # type: ignore[arg-type]
     if call.verb in (_TO, "retarget", "move_to_pulses"):
         return None if zero is None else zero + way
     return None if base is None else base + way

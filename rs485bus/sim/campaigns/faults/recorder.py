@@ -11,6 +11,9 @@ from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError
 from rs485bus.sim.campaigns.faults.evidence import NEVER, Call
 
+_LASTING = frozenset({"stream"})
+"""Blocks that are calls from their begin to their end: something may turn for as long."""
+
 Recover = Callable[["Recorded", BusError], Awaitable[None]]
 
 
@@ -82,7 +85,7 @@ class Recorded:
         except Exception as error:
             self.notes.end(call, None, error)
             if isinstance(error, BusError) and self.notes.recover is not None:
-                return RecordedAnswer(self, call, _nothing())
+                return Refused()
             raise
         if isinstance(answer, Handle):
             answer.add_done_callback(lambda handle: self.notes.end(call, _result(handle), handle.error))
@@ -156,12 +159,35 @@ class RecordedHandle(RecordedAnswer):
     def __getattr__(self, name: str) -> Any:
         return getattr(self._real, name)
 
+    def cancel(self) -> None:
+        """End a move. That is a call, too."""
+        notes = self._who.notes
+        call = notes.begin(self._who, "cancel", (), {})
+        self._real.cancel()  # type: ignore[attr-defined] # a move
+        notes.end(call)
+
     async def __aenter__(self) -> RecordedHandle:
         await self._real.__aenter__()  # type: ignore[attr-defined] # a move
         return self
 
     async def __aexit__(self, *error: Any) -> Any:
         return await self._real.__aexit__(*error)  # type: ignore[attr-defined]
+
+
+class Refused:
+    """A command that was refused as it was called, where the application goes on."""
+
+    state = None
+
+    def __await__(self) -> Generator[Any, None, None]:
+        return iter(())  # type: ignore[return-value] # there is nothing to wait for
+
+    def done(self) -> bool:
+        """It has ended."""
+        return True
+
+    def cancel(self) -> None:
+        """There is nothing to cancel."""
 
 
 class RecordedBlock:
@@ -179,23 +205,22 @@ class RecordedBlock:
         except BaseException as error:
             notes.end(self._call, None, error)
             raise
-        notes.end(self._call)
+        if self._call.verb not in _LASTING:
+            notes.end(self._call)
         return entered
 
     async def __aexit__(self, *error: Any) -> Any:
         notes = self._who.notes
-        call = notes.begin(self._who, f"leave {self._call.verb}", (), {})
+        call = notes.begin(self._who, f"{'leave' if error[0] is None else 'abandon'} {self._call.verb}", (), {})
         try:
             swallowed = await self._real.__aexit__(*error)
         except BaseException as raised:
             notes.end(call, None, raised)
             raise
+        finally:
+            notes.end(self._call)
         notes.end(call)
         return swallowed
-
-
-async def _nothing() -> None:
-    """What is awaited where a call was refused and the application goes on."""
 
 
 def _parts(answer: Any) -> dict[str, Handle[Any]]:

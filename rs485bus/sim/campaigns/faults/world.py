@@ -18,6 +18,7 @@ from rs485bus.sim.campaigns.faults.plant import KINDS, Drive, Option
 from rs485bus.sim.campaigns.faults.recorder import Notes, Recorded
 from rs485bus.sim.campaigns.faults.scenario import Scenario
 from rs485bus.sim.clock import VirtualClockLoop
+from rs485bus.sim.noise import Noise
 from rs485bus.sim.treatment import PLAIN, Treatment
 from rs485bus.sim.virtual_line import VirtualLine
 
@@ -30,6 +31,7 @@ _GIVES_IN = 30.0
 _WALL = 30
 """Seconds of the computer that a run may take."""
 _POLL = 0.05
+_QUIET = Noise()
 
 
 class Spinning(BaseException):
@@ -45,6 +47,8 @@ class World:
         goes_on: after an error the application enables the axis again and goes on; otherwise it gives up.
         faults: what goes wrong, and at which frame, counted from 0.
         usual: seconds that it takes where nothing goes wrong.
+        noise: what else goes wrong on the pairs, at random.
+        seed: makes the noise reproducible.
     """
 
     def __init__(
@@ -55,6 +59,8 @@ class World:
         goes_on: bool = False,
         faults: Sequence[tuple[str, int]] = (),
         usual: float = 30.0,
+        noise: Noise = _QUIET,
+        seed: int = 1,
     ) -> None:
         self.scenario = scenario
         self.evidence = Evidence()
@@ -63,7 +69,7 @@ class World:
         self._goes_on = goes_on
         self.buses = [[KINDS[kind](address, options[kind]) for kind, address in drives] for drives in scenario.buses]
         self.drives = [drive for drives in self.buses for drive in drives]
-        self.lines = [VirtualLine(*(drive.sim for drive in drives), seed=1) for drives in self.buses]
+        self.lines = [VirtualLine(*(drive.sim for drive in drives), noise=noise, seed=seed) for drives in self.buses]
         self._open: list[Bus] = []
         self._recorded: list[Recorded] = []
         self._axes: list[Recorded] = []

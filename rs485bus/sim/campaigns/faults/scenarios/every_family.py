@@ -15,11 +15,11 @@ from rs485bus.sim.campaigns.faults.world import World
 FAMILIES = ("mks", "zlac", "tlr")
 
 
-def for_each_family(**options: Any) -> Callable[[Play], Play]:
-    """Make a function a scenario of each family, with one drive."""
+def for_each_family(*families: str, **options: Any) -> Callable[[Play], Play]:
+    """Make a function a scenario of each family, or of those named, with one drive."""
 
     def add(play: Play) -> Play:
-        for family in FAMILIES:
+        for family in families or FAMILIES:
             scenario(family, **options)(play)
         return play
 
@@ -197,6 +197,32 @@ async def within_limits(app: World) -> None:
             await x.move_to(1.2)
         except ValueError:
             await x.move_to(-0.4)
+
+
+@for_each_family("mks", "tlr")
+async def stream_of_speeds(app: World) -> None:
+    """Set-points, twenty a second, one way and the other; the block is left while it turns."""
+    async with app.bus():
+        x = first(app)
+        await x.enable()
+        async with x.stream(timeout=0.25) as setpoint:
+            for rpm in (60.0, 120.0, 120.0, 30.0, -60.0, -90.0):
+                setpoint(rpm)
+                await app.sleep(0.05)
+        await x.move_by(0.2)
+
+
+@for_each_family("mks", "tlr")
+async def stream_runs_dry(app: World) -> None:
+    """A stream whose set-points end for a while: the motor stops by itself, and goes on with the next one."""
+    async with app.bus():
+        x = first(app)
+        await x.enable()
+        async with x.stream(timeout=0.2) as setpoint:
+            setpoint(100.0)
+            await app.sleep(0.8)
+            setpoint(-100.0)
+            await app.sleep(0.1)
 
 
 @for_each_family()

@@ -7,7 +7,7 @@ from rs485bus.devices.mks import HoldingCurrent, SwitchHoming
 from rs485bus.sim.campaigns.faults.scenario import scenario
 from rs485bus.sim.campaigns.faults.world import World
 
-_HOMING = SwitchHoming(rpm=200)
+HOMING = SwitchHoming(rpm=200)
 _SETTINGS = ("set_current", "set_holding_current", "set_microsteps", "set_interpolation")
 
 
@@ -17,7 +17,7 @@ async def home_and_move(app: World) -> None:
     async with app.bus():
         x = app.axis(1)
         await x.enable()
-        await x.home(_HOMING, timeout=10.0)
+        await x.home(HOMING, timeout=10.0)
         await x.move_to(1.0)
         await x.move_by(-0.5)
         await x.position()
@@ -44,7 +44,7 @@ async def stop_while_homing(app: World) -> None:
         await app.sleep(0.25)
         await x.stop()
         await x.enable()
-        await x.home(_HOMING, timeout=10.0)
+        await x.home(HOMING, timeout=10.0)
         await x.move_to(0.2)
 
 

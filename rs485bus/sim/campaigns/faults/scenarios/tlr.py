@@ -7,7 +7,7 @@ from rs485bus.devices.tlr import Homing, HomingMode
 from rs485bus.sim.campaigns.faults.scenario import scenario
 from rs485bus.sim.campaigns.faults.world import World
 
-_HOMING = Homing(mode=HomingMode.NEGATIVE_ORIGIN, rpm=200, creep_rpm=60, ramp_ms=20)
+HOMING = Homing(mode=HomingMode.NEGATIVE_ORIGIN, rpm=200, creep_rpm=60, ramp_ms=20)
 
 
 @scenario("tlr", short=True)
@@ -16,7 +16,7 @@ async def home_and_move(app: World) -> None:
     async with app.bus():
         x = app.axis(1)
         await x.enable()
-        await x.home(_HOMING, timeout=10.0)
+        await x.home(HOMING, timeout=10.0)
         await x.move_to(1.0)
         await x.move_by(-0.5)
         await x.position()
@@ -28,11 +28,11 @@ async def stop_while_homing(app: World) -> None:
     async with app.bus():
         x = app.axis(1)
         await x.enable()
-        x.home(_HOMING, timeout=10.0)
+        x.home(HOMING, timeout=10.0)
         await app.sleep(0.1)
         await x.stop()
         await x.enable()
-        await x.home(_HOMING, timeout=10.0)
+        await x.home(HOMING, timeout=10.0)
         await x.move_to(0.2)
 
 

@@ -70,6 +70,8 @@ class Family:
     no other is answered there. None where it cannot be told."""
     version: Sign | None = None
     """What holds its version."""
+    questions: Callable[[], Sequence[Any]] | None = None
+    """What its manual leaves open, as `rs485bus.bench.verify.question.Question`; None where that is not known."""
     simulate: Callable[[int, Mapping[str, Any]], SimDevice] | None = None
     """A virtual drive at an address, with the options of the plant file; None where there is none."""
 

@@ -29,6 +29,12 @@ def options_of(takes: Callable[..., Any], by_side: frozenset[str] = frozenset())
     return create_model(getattr(takes, "__name__", "Options"), __config__=_STRICT, **fields)
 
 
+def typed_options(takes: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as they stand in TOML, as a class takes them. Raises `ValueError`."""
+    model = options_of(takes).model_validate(_tuples(options))
+    return {name: getattr(model, name) for name in model.model_fields_set}
+
+
 def _in_toml(hint: Any) -> Any:
     """A type as it is said in TOML: an enumeration by the name of its member."""
     if isinstance(hint, type) and issubclass(hint, enum.Enum):

@@ -116,6 +116,11 @@ COMMANDS: dict[str, LazyCommand] = {
         "Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted.",
         TRY,
     ),
+    "verify": LazyCommand(
+        "rs485bus.cli.commands.verify:verify",
+        "Try on real drives what their manuals leave open: the answers as options, and as a report. It turns motors.",
+        PLAN,
+    ),
     "verify-watchdog": LazyCommand(
         "rs485bus.cli.commands.verify_watchdog:verify_watchdog",
         "Find out on the bench what feeds a drive's watchdog, and whether a trip latches. It turns the motor.",

@@ -69,8 +69,6 @@ async def _direction(servo: MksServo) -> Answer:
     await servo.run(_RPM)
     await asyncio.sleep(0.3)
     grew = await _counts(servo) > before
-    if servo.positive is not MotionDirection.CCW:
-        grew = not grew
     positive = MotionDirection.CCW if grew else MotionDirection.CW
     return Answer(words=f"its position grows where it turns {positive.name}", options={"positive": positive.name})
 

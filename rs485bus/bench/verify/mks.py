@@ -13,7 +13,7 @@ from rs485bus.errors import DeviceRefused
 from rs485bus.wire.frames import payload, write_multiple
 from rs485bus.wire.registers import Repeat
 
-_RPM = 30
+_RPM = 32
 _FIRST_PULSES = 400
 _FULL_STEPS = 200
 _SLOW = 10
@@ -76,7 +76,7 @@ async def _direction(servo: MksServo) -> Answer:
 async def _status(servo: MksServo) -> Answer:
     await servo.move_by(0.1 * servo.units_per_turn, rpm=_RPM)
     await _stands(servo)
-    status = await servo.running()
+    status = await servo.motor_status()
     sticks = status is not Status.STOPPED
     return Answer(
         words=f"its status {'sticks at ' + status.name if sticks else 'tells that it stands'} after a move",

@@ -10,8 +10,8 @@ from typing import Any
 
 from rs485bus.errors import BusError
 
-_RPM = 30.0
-"""The speed of what names none: whatever else a drive is set to, it can do that."""
+_RPM = 32.0
+"""The speed of what names none: whatever else a drive is set to, it can do that, and be told it."""
 
 Facts = dict[str, Any]
 

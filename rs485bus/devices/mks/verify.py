@@ -17,8 +17,8 @@ from rs485bus.errors import DeviceRefused, MotionError, NoReply
 from rs485bus.wire.frames import BROADCAST, MAX_ADDRESS, payload
 from rs485bus.wire.registers import Repeat
 
-RPM = 30
-"""The speed of the test: slow, and yet told from standing."""
+RPM = 32
+"""The speed of the test: slow, told from standing, and one that can be told at any microsteps."""
 _TIMES = 3.0
 _EVERY = 1 / 3
 

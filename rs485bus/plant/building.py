@@ -75,6 +75,9 @@ def _build_drive(
                 return
             del options[field[-1]]  # there may be more mistakes
     built.facades[entry.bus, address] = facade
+    timeout = next((axis.reply_timeout for _, axis in axes.values() if axis.reply_timeout is not None), None)
+    if timeout is not None:
+        bus.unit(address, reply_timeout=timeout)
     for side, (axis_name, _) in axes.items():
         built.axes[axis_name] = facade if side is None else getattr(facade, side)
 

@@ -75,6 +75,8 @@ class AxisEntry(BaseModel):
     """What positions are called: "mm"."""
     watchdog: float | None = None
     """Seconds without a frame after which the drive stops by itself, while the plant is open; None for unguarded."""
+    reply_timeout: float | None = None
+    """Seconds for which its drive's answers are waited for; None for what the bus is set to."""
     options: dict[str, Any] = Field(default_factory=dict, exclude=True)
     """What the facade is given."""
 

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar, get_type_hints
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.opening import open_bus
 from rs485bus.bus.record import Record
+from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.bus.watchdog.guarding import EmergencyReport
 from rs485bus.devices.axis import Axis
 from rs485bus.devices.zlac import DifferentialDrive
@@ -193,7 +194,7 @@ class Plant:
         return await opened.__aexit__(kind, error, trace)
 
     @asynccontextmanager
-    async def guard(self) -> AsyncIterator[None]:
+    async def guard(self) -> AsyncIterator[list[WatchdogGuard]]:
         """Guard the axes whose entries have a `watchdog` while a block runs; what is queued at its end is waited for.
 
         For a plant that was made with `watchdogs=False`.
@@ -202,9 +203,11 @@ class Plant:
             WatchdogInfeasible: the watchdogs cannot be fed in time.
         """
         async with AsyncExitStack() as guards:
-            for bus, timeout, axes in self._guarded():
+            watchdogs = [
                 await guards.enter_async_context(self.buses[bus].watchdog(*axes, timeout=timeout))
-            yield
+                for bus, timeout, axes in self._guarded()
+            ]
+            yield watchdogs
             for bus_open in self.buses.values():
                 await bus_open.drain()
 

@@ -43,6 +43,7 @@ class _Axis(BaseModel):
     side: str | None = None
     unit: str = "turns"
     watchdog: float | None = Field(default=None, gt=0)
+    reply_timeout: float | None = Field(default=None, ge=0.001, le=10)
 
 
 class _Vehicle(BaseModel):

@@ -26,6 +26,8 @@ class SimDevice(ABC):
 
     turnaround: float | None = None
     """Seconds before it starts to answer; None for what the line is set to."""
+    silence: float | None = None
+    """Seconds of silence that it needs before a frame; None for t3.5."""
     baudrate: int | None = None
     """What it is set to; None for whatever the line is."""
 

@@ -79,6 +79,8 @@ class VirtualPair:
         self._received: list[bytes] = []
         self._frame = bytearray()
         self._spoilt = False
+        self._silence = 0.0
+        """How long the pair was silent before the master's frame."""
         self._version = 0
         self._sending_until = float("-inf")
         self._busy_until = float("-inf")
@@ -103,7 +105,8 @@ class VirtualPair:
             self._frame = bytearray()
             self.frames += 1
             shortest = self.line.t35 - _EPSILON
-            self._spoilt = start - self._busy_until < shortest and not self.lenient
+            self._spoilt = False
+            self._silence = start - self._busy_until
             if start - max(self._heard_at, self._sending_until) < shortest:
                 waited = start - max(self._busy_since, self._sending_until)
                 self.frames_over_noise += waited >= _STOP_WAITS
@@ -159,7 +162,7 @@ class VirtualPair:
         """The master has been silent for t3.5: its frame is whole."""
         if version != self._version:
             return
-        frame, spoilt = bytes(self._frame), self._spoilt
+        frame, spoilt, silence = bytes(self._frame), self._spoilt, self._silence
         self._frame = bytearray()
         treatment = PLAIN if self.script is None else self.script(frame, now)
         if spoilt or not treatment.heard or self._chance(self.noise.lost_request):
@@ -168,6 +171,9 @@ class VirtualPair:
             frame = self._flip(frame)
         for device in self.devices:
             if not device.heeds(frame):
+                continue
+            needed = self.line.t35 if device.silence is None else device.silence
+            if silence < needed - _EPSILON and not self.lenient:
                 continue
             if device.rate(now) not in (None, self.line.baudrate) or self._hanging.get(device, 0.0) > now:
                 continue

@@ -5,14 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
-import logging
 import queue
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from rs485bus.cli.app import main
-from rs485bus.cli.settings import settings
 from rs485bus.sim import SimDevice, VirtualLine
 
 
@@ -34,25 +32,12 @@ def invoke(*arguments: str) -> Ended:
     """Run a command."""
     code = 0
     out, err = io.StringIO(), io.StringIO()
-    with _as_it_was(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             main(arguments)
         except SystemExit as ended:
             code = ended.code if isinstance(ended.code, int) else 1
     return Ended(code, out.getvalue(), err.getvalue())
-
-
-@contextlib.contextmanager
-def _as_it_was() -> Iterator[None]:
-    """Leave the log and the settings of the process as they were."""
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    try:
-        yield
-    finally:
-        root.handlers[:] = handlers
-        root.setLevel(level)
-        settings.verbose, settings.debug = 0, False
 
 
 @contextlib.contextmanager

@@ -9,9 +9,14 @@ from pathlib import Path
 import pytest
 
 from rs485bus import MksServo, TlrStepper, open_bus
+from rs485bus.cli.demo import run_demo
+from rs485bus.cli.process import console
 from rs485bus.cli.serve import FAMILIES
+from rs485bus.cli.session import Where
 from rs485bus.sim import Machine, SimMks, VirtualLine
+from tests.cli.support import invoke, serving
 from tests.integration.support import virtual
+from tests.plant.support import CELL
 from tests.real.support import in_real_time, posix, running
 
 COMMAND = (sys.executable, "-m", "rs485bus")
@@ -151,3 +156,27 @@ def test_sim_replaces_no_file_by_its_link(tmp_path: Path) -> None:
     assert result.returncode == 1
     assert "no symbolic link" in " ".join(result.stderr.split())
     assert mine.read_text() == "x = 1"
+
+
+@posix
+def test_the_demo_moves_no_drive_of_a_port_that_was_not_named() -> None:
+    sim = SimMks(1)
+    with serving(sim, baudrate=38400) as port:
+        result = invoke("demo", "--port", port)
+    assert result.returncode == 2
+    assert "may be moved: --mks 1, --tlr 2, --zlac 3. No other is." in result.said
+    assert sim.moves == 0
+
+
+@virtual
+async def test_the_demo_shows_all_families_of_a_plant_file_and_its_vehicle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "plant.toml"
+    path.write_text(CELL)
+    assert await run_demo(Where(plant=path, sim=True), console()) == 0
+    said = capsys.readouterr().out
+    for name in ("x", "y", "left", "right"):
+        assert f"{name:11} to 0 " in said
+    assert "vehicle  a curve: x 0." in said
+    assert "every axis stands, every watchdog is off" in said

@@ -116,6 +116,11 @@ COMMANDS: dict[str, LazyCommand] = {
         "Put virtual drives on a pseudo-terminal, for any Modbus master, until interrupted.",
         TRY,
     ),
+    "tune": LazyCommand(
+        "rs485bus.cli.commands.tune:tune",
+        "Find each drive's reply time, the shortest silence and the highest rate at which nothing is lost.",
+        PLAN,
+    ),
     "verify": LazyCommand(
         "rs485bus.cli.commands.verify:verify",
         "Try on real drives what their manuals leave open: the answers as options, and as a report. It turns motors.",

@@ -17,8 +17,8 @@ from rich.text import Text
 
 from rs485bus.cli.process import DONE, UNKNOWN, WrongUse, console, exit_code, tell
 from rs485bus.cli.session import Where, axis_named, open_plant
-from rs485bus.errors import NotSupported
-from rs485bus.plant import Plant
+from rs485bus.errors import NotEnabled, NotSupported
+from rs485bus.plant import AxisEntry, Plant
 
 _REFRESH = 0.1
 
@@ -149,8 +149,8 @@ async def _carry_out(where: Where, name: str, order: Order, out: Console) -> dic
             return await status_of(plant, name)
         if order.verb == "clear-fault" and entry.side is not None:
             axis = plant.drive(name)  # of both wheels
-        if verb.moves:
-            axis.enable()
+        if verb.moves or order.verb == "enable":
+            await _enable(axis, name, entry)
         handle = verb.ask(axis, order)
         await _watch(plant, name, handle, out)
         if order.verb == "run" and order.duration is None:
@@ -158,6 +158,15 @@ async def _carry_out(where: Where, name: str, order: Order, out: Console) -> dic
             await _watch(plant, name, asyncio.get_running_loop().create_future(), out)
         axis = plant.axes[name]
         return {"position": round(await axis.position(), 6), "unit": entry.unit}
+
+
+async def _enable(axis: Any, name: str, entry: AxisEntry) -> None:
+    try:
+        await axis.enable()
+    except NotEnabled as error:
+        if entry.family == "mks":
+            error.add_note(f"From here the work mode is set by: rs485bus settings write {name} mode SR_VFOC")
+        raise
 
 
 async def _watch(plant: Plant, name: str, handle: Any, out: Console) -> None:

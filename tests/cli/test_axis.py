@@ -12,7 +12,8 @@ import pytest
 from rs485bus.cli.axis import VERBS, Order, run_order, stop_all
 from rs485bus.cli.process import WrongUse
 from rs485bus.cli.session import Where
-from rs485bus.errors import LimitExceeded
+from rs485bus.devices.mks import WorkMode
+from rs485bus.errors import LimitExceeded, NotEnabled
 from rs485bus.sim import SimMks, SimTlr, VirtualLine
 from tests.cli.support import invoke, serving
 from tests.cli.test_cli import COMMAND
@@ -230,3 +231,35 @@ def test_jogging_by_keys_in_a_terminal_turns_the_motor_and_stops_it() -> None:
             os.close(master)
 
     in_real_time(main)
+
+
+@pytest.mark.parametrize("verb", ["enable", "home", "move-to"])
+@virtual
+async def test_a_wrong_work_mode_is_named_with_the_command_that_sets_it(
+    verb: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = VirtualLine(SimMks(1, mode=WorkMode.CR_VFOC))
+    monkeypatch.setattr("rs485bus.plant.plant.virtual_lines", lambda file: {"main": line})
+    where = Where(sim=True, drives={"mks": [1]})
+    with pytest.raises(NotEnabled, match="SR modes only") as caught:
+        await run_order(where, "mks1", Order(verb=verb, value=1.0 if verb == "move-to" else None), False)
+    assert caught.value.__notes__ == ["From here the work mode is set by: rs485bus settings write mks1 mode SR_VFOC"]
+
+
+def test_vv_shows_each_frame_and_the_usual_is_quiet() -> None:
+    assert invoke("axis", "tlr3", "status", "--sim").stderr == ""
+    loud = invoke("axis", "tlr3", "status", "--sim", "-vv").stderr
+    assert "03 03 00 23 00 01" in loud
+    assert invoke("-vv", "axis", "tlr3", "status", "--sim").stderr.count("unit 3") == loud.count("unit 3")
+
+
+def test_only_with_debug_is_there_a_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*arguments: object) -> None:
+        raise RuntimeError("out of cheese")
+
+    monkeypatch.setattr("rs485bus.cli.axis.status_of", broken)
+    result = invoke("axis", "mks1", "status", "--sim")
+    assert result.returncode == 1
+    assert "RuntimeError: out of cheese This is a mistake in rs485bus. The same command with --debug" in result.said
+    with pytest.raises(RuntimeError):
+        invoke("axis", "mks1", "status", "--sim", "--debug")

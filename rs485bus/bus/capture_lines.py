@@ -38,6 +38,7 @@ Records that were lost because the disk was too slow:
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Final, Literal, NamedTuple
@@ -204,11 +205,13 @@ def read_header(line: str) -> Header:
             line=LineSettings(
                 baudrate=told["baudrate"], parity=told.get("parity", "N"), stopbits=told.get("stopbits", 1)
             ),
-            started=str(told["started"]),
+            started=datetime.fromisoformat(told["started"]).isoformat(),
             by="sniffer" if told.get("by") == "sniffer" else "bus",
         )
     except KeyError as missing:
         raise ValueError(f"its header says no {missing.args[0]}") from None
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"its header is wrong: {error}") from None
 
 
 def read_entry(line: str) -> Entry | None:
@@ -222,24 +225,24 @@ def read_entry(line: str) -> Entry | None:
         if "family" in told:
             return Drive(_whole(told["unit"]), str(told["family"]))
         if "stray" in told:
-            at = float(told["at"])
-            return Stray(at, float(told.get("ended", at)), bytes.fromhex(told["stray"]))
+            at = _seconds(told["at"])
+            return Stray(at, _seconds(told.get("ended", at)), bytes.fromhex(told["stray"]))
         if "dropped" in told:
-            return Dropped(float(told["at"]), _whole(told["dropped"]))
+            return Dropped(_seconds(told["at"]), _whole(told["dropped"]))
         if "outcome" not in told:
             return None
         first, queued = told.get("first"), told.get("queued")
         return Exchange(
-            float(told["at"]),
-            float(told["ended"]),
+            _seconds(told["at"]),
+            _seconds(told["ended"]),
             _whole(told["unit"]),
             bytes.fromhex(told.get("request", "")),
             bytes.fromhex(told.get("reply", "")),
             str(told["outcome"]),
             str(told.get("for", "")),
             _whole(told.get("attempt", 1)),
-            None if first is None else float(first),
-            None if queued is None else float(queued),
+            None if first is None else _seconds(first),
+            None if queued is None else _seconds(queued),
             _whole(told.get("skipped", 0)),
         )
     except KeyError as missing:
@@ -262,6 +265,12 @@ def _whole(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
         raise ValueError(f"{value!r} is no whole number")
     return value
+
+
+def _seconds(value: Any) -> float:
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no time in seconds")
+    return float(value)
 
 
 def _time(seconds: float) -> float:

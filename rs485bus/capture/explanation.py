@@ -21,6 +21,7 @@ _NOT_ANSWERED = {
     "sent": "sent, not answered by design",
 }
 
+_SHORTEST = 4
 _FEW = 3
 """Names that are all told where they are asked for; the answer tells all of them anyway."""
 
@@ -38,6 +39,8 @@ class Words(NamedTuple):
 
 def words_of(exchange: Exchange, family: str | None) -> Words:
     """Say an exchange in words. `family` names the drive's family, where it is known."""
+    if 0 < len(exchange.request) < _SHORTEST:
+        return Words(f"{exchange.request.hex(' ').upper()} (no whole request)", exchange.outcome, True, "command")
     if not exchange.request:
         return Words("(nobody asked)", f"{exchange.reply.hex(' ').upper()}", True, "command")
     if is_native(exchange.request[1], exchange.request):
@@ -49,7 +52,7 @@ def words_of(exchange: Exchange, family: str | None) -> Words:
 def values_of(exchange: Exchange, family: str | None) -> list[Value]:
     """The registers of a known drive that an exchange read or wrote, with their values; empty if it failed."""
     vocabulary = VOCABULARIES.get(family or "")
-    if vocabulary is None or not exchange.request or exchange.outcome != "reply":
+    if vocabulary is None or len(exchange.request) < _SHORTEST or exchange.outcome != "reply":
         return []
     asked = spoken(exchange.request)
     return vocabulary.names(asked, asked.data or told(asked, exchange.reply)) or []

@@ -17,10 +17,9 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from rs485bus.bus.bus import Bus
 from rs485bus.bus.capture_lines import Exchange
 from rs485bus.capture.explanation import Words, words_of
-from rs485bus.capture.reading import Capture, capture_of
+from rs485bus.capture.reading import Capture, Remembers, capture_of
 from rs485bus.capture.statistics import summarise
 from rs485bus.capture.traces import Point, Trace, traces
 from rs485bus.errors import NotSupported
@@ -55,7 +54,9 @@ _SHORTEST_BIN = 0.02
 FORMATS: Final = (".svg", ".png", ".pdf", ".html")
 
 
-def timeline(source: Capture | Bus, *, begin: float | None = None, end: float | None = None, title: str = "") -> Figure:
+def timeline(
+    source: Capture | Remembers, *, begin: float | None = None, end: float | None = None, title: str = ""
+) -> Figure:
     """What happened on a pair, over time.
 
     A lane for each unit shows requests, the waiting, replies, what was not answered, repetitions, stops and feeds, with
@@ -63,14 +64,14 @@ def timeline(source: Capture | Bus, *, begin: float | None = None, end: float | 
     set-points.
 
     Args:
-        source: a capture, or a bus, of which the latest 256 transactions are shown.
+        source: a capture; or a bus, or the blocking face of one, of which the latest 256 transactions are shown.
         begin, end: seconds since the capture began; None for all of it.
         title: stands above it.
 
     Raises:
         ValueError: nothing happened in that time.
     """
-    whole = capture_of(source) if isinstance(source, Bus) else source
+    whole = source if isinstance(source, Capture) else capture_of(source)
     capture = whole.between(begin, end)
     if not capture.exchanges and not capture.strays:
         raise ValueError("nothing happened on the pair in that time: there is nothing to draw")

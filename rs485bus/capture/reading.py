@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Protocol
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.capture_lines import (
@@ -20,8 +21,10 @@ from rs485bus.bus.capture_lines import (
     read_entry,
     read_header,
 )
+from rs485bus.bus.record import Record
 from rs485bus.capture.pdu import spoken
 from rs485bus.capture.vocabulary import VOCABULARIES, family_of
+from rs485bus.wire.timing import LineSettings
 
 _TOLD = 5
 """Broken lines that are told one by one."""
@@ -76,7 +79,7 @@ class Capture:
         """Find out the families of drives that nobody named, by what they have answered."""
         answered: dict[int, set[bytes]] = {}
         for exchange in self.exchanges:
-            if exchange.outcome == "reply" and exchange.request:
+            if exchange.outcome == "reply" and len(exchange.request) >= 4:
                 answered.setdefault(exchange.address, set()).add(exchange.request)
         for address, requests in answered.items():
             if address not in self.families and (family := family_of(map(spoken, requests))):
@@ -109,17 +112,30 @@ def load(*paths: str | os.PathLike[str]) -> Capture:
     return whole
 
 
-def capture_of(bus: Bus) -> Capture:
-    """What the bus remembers: its latest 256 transactions."""
+class Remembers(Protocol):
+    """A bus, or the blocking face of one."""
+
+    @property
+    def port(self) -> str: ...
+
+    @property
+    def line(self) -> LineSettings: ...
+
+    @property
+    def flight(self) -> list[Record]: ...
+
+
+def capture_of(bus: Remembers) -> Capture:
+    """What a bus remembers: its latest 256 transactions. The first is taken for the begin, and the last for now."""
     records = bus.flight
-    since = records[0].sent_at if records else bus.now()
-    ago = datetime.now(UTC).timestamp() - (bus.now() - since)
-    header = Header(port=bus.port, line=bus.line, started=datetime.fromtimestamp(ago, UTC).isoformat())
-    return Capture(
-        header,
-        [exchange_of(record, since) for record in records],
-        families={device.address: device.family for device in bus.devices},
-    )
+    since, until = (records[0].sent_at, records[-1].ended_at) if records else (0.0, 0.0)
+    started = datetime.now(UTC) - timedelta(seconds=until - since)
+    capture = Capture(Header(port=bus.port, line=bus.line, started=started.isoformat()))
+    capture.exchanges = [exchange_of(record, since) for record in records]
+    if isinstance(bus, Bus):
+        capture.families = {device.address: device.family for device in bus.devices}
+    capture.recognise()
+    return capture
 
 
 def name_drives(capture: Capture, named: Iterable[tuple[str, Sequence[int]]]) -> None:

@@ -24,7 +24,7 @@ from rs485bus.bus.capture_lines import (
 )
 from rs485bus.bus.record import Record
 from rs485bus.bus.recording import Recording
-from rs485bus.capture import capture_of, load
+from rs485bus.capture import capture_of, load, words_of
 from rs485bus.errors import LimitExceeded
 from rs485bus.wire.timing import LineSettings
 from tests.capture.support import cell, work
@@ -62,6 +62,21 @@ def test_every_entry_is_read_as_it_was_written(entry: Entry) -> None:
     assert line.endswith("\n")
     assert "\n" not in line[:-1]
     assert read_entry(line) == entry
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["at", "ended", "unit", "family", "stray", "dropped", "outcome", "request", "reply", "first"]),
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=6) | st.lists(st.integers()),
+    )
+)
+def test_whatever_stands_in_a_line_it_is_an_entry_or_a_value_error(told: dict[str, object]) -> None:
+    try:
+        entry = read_entry(json.dumps(told))
+    except ValueError:
+        return
+    if isinstance(entry, Exchange):
+        assert words_of(entry, "MKS").asked
 
 
 def test_a_header_is_read_as_it_was_written() -> None:
@@ -173,6 +188,8 @@ def test_files_of_two_captures_are_not_mixed(tmp_path: Path) -> None:
         ('{"a": 1}\n', "does not begin with"),
         (json.dumps({"capture": "rs485bus", "version": 2}) + "\n", "update rs485bus"),
         (json.dumps({"capture": "rs485bus", "version": 1}) + "\n", "says no port"),
+        (json.dumps({**json.loads(header_line(HEADER)), "baudrate": "fast"}) + "\n", "baudrate must be a whole number"),
+        (json.dumps({**json.loads(header_line(HEADER)), "started": "noon"}) + "\n", "header is wrong"),
     ],
 )
 def test_what_is_no_capture_is_said_to_be_none(tmp_path: Path, text: str, said: str) -> None:

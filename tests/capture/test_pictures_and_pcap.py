@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from rs485bus import open_bus
+from rs485bus import blocking, open_bus
 from rs485bus.bus.capture_lines import Exchange, Header, Stray
 from rs485bus.capture import Capture, load, summarise, write_pcap
 from rs485bus.capture.figures import save, timeline
 from rs485bus.capture.traces import traces
+from rs485bus.sim import SimUnit, VirtualLine
 from rs485bus.wire.crc import crc
 from rs485bus.wire.timing import LineSettings
 from tests.capture.support import cell, work
@@ -87,6 +88,12 @@ def test_what_cannot_be_drawn_is_said(recorded: Capture, tmp_path: Path) -> None
 async def test_a_bus_is_drawn_as_it_is() -> None:
     async with open_bus(cell()) as bus:
         await bus.unit(9).read_holding_registers(0, 2)
+        assert len(timeline(bus).axes) == 3
+
+
+def test_the_blocking_face_of_a_bus_is_drawn_as_well() -> None:
+    with blocking.open_bus(VirtualLine(SimUnit(9, {0: 1}), baudrate=115200)) as bus:
+        bus.unit(9).read_holding_registers(0, 1)
         assert len(timeline(bus).axes) == 3
 
 

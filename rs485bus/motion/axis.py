@@ -579,7 +579,8 @@ class Axis:
         self._check_speed(speed)
         parameters = self._ability.parameters(speed, ramp)
         self._check_as_asked("rpm", speed, parameters.rpm, "rpm")
-        self._check_as_asked("acceleration", ramp, parameters.acceleration, "rpm/s")
+        if abs(parameters.rpm / parameters.acceleration - parameters.rpm / ramp) > self._ability.ramp_step:
+            self._check_as_asked("acceleration", ramp, parameters.acceleration, "rpm/s")
         return parameters
 
     def _check_as_asked(self, what: str, asked: float, told: float, unit: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -14,6 +14,8 @@ from rs485bus.bus.failure import failure
 from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.bus.watchdog.foreign import OPTION
+from rs485bus.bus.watchdog.guard import admit_and_arm
 from rs485bus.errors import (
     BusError,
     DeviceOffline,
@@ -26,15 +28,29 @@ from rs485bus.errors import (
     NotStanding,
     OutcomeUnknown,
     RequestFailed,
+    WatchdogInfeasible,
 )
 from rs485bus.motion.courses import is_speed
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move
-from rs485bus.motion.plan import AnswersAgain, Ask, Ended, Know, MustStand, Pause, Plan, Stand, Start, Step
+from rs485bus.motion.plan import (
+    AnswersAgain,
+    Ask,
+    Ended,
+    KeepFed,
+    Know,
+    MustStand,
+    OthersStand,
+    Pause,
+    Plan,
+    Stand,
+    Start,
+    Step,
+)
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
-from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.supervisor import SILENT, Supervisor
 
 T = TypeVar("T")
 
@@ -67,6 +83,8 @@ class Task:
     """Its start was sent."""
     ended: Callable[[Ended], Awaitable[None]] | None = None
     """Waits for the end of a routine of the drive's own."""
+    partners: tuple[tuple[PlanCarrier, Task], ...] = ()
+    """Other axes of the drive that the same plan sets in motion."""
 
 
 class _NotTaken(Exception):
@@ -118,7 +136,8 @@ class PlanCarrier:
         lost = 0
         while True:
             try:
-                return await self._walk(make(), task)
+                async with self._supervisor.plans:
+                    return await self._walk(make(), task)
             except _NotTaken as not_taken:
                 assert task is not None
                 lost += 1
@@ -148,7 +167,7 @@ class PlanCarrier:
             self._supervisor.leave(self._axis)
         elif (hard or surely or not await self.is_seen_standing()) and self._bus.connected:
             try:
-                await self._stops.stand_still(emergency=hard)
+                await self._stops.stand_still(emergency=hard, why=error if isinstance(error, DriveFault) else None)
             except MotionError as unconfirmed:
                 raise unconfirmed from error
 
@@ -200,9 +219,11 @@ class PlanCarrier:
             assert task.ended is not None
             return await task.ended(step)
         if isinstance(step, Stand):
-            if task is not None:
-                task.before = 0.0
-            return await (self._stops.stand_still() if step.surely else self.have_it_stand())
+            return await self._stand(step, task)
+        if isinstance(step, OthersStand):
+            return await self._others_stand(task)
+        if isinstance(step, KeepFed):
+            return await self._keep_fed(step)
         if isinstance(step, MustStand):
             return await self._check_standing(step)
         if isinstance(step, AnswersAgain):
@@ -214,6 +235,43 @@ class PlanCarrier:
         """Stop it where it moves."""
         if self._state.motion.may_move or not await self._knowledge.stands():
             await self._stops.stand_still()
+
+    async def _stand(self, step: Stand, task: Task | None) -> None:
+        if step.surely or (step.whole and self._drive.motion.may_move):
+            await self._stops.stand_still(motion=self._drive.motion if step.whole else None)
+        for carrier, each in self._all(task):
+            if each is not None:
+                each.before = 0.0
+            await carrier.have_it_stand()
+
+    def _all(self, task: Task | None) -> Sequence[tuple[PlanCarrier, Task | None]]:
+        """Those whom a plan sets in motion."""
+        return ((self, task), *(() if task is None else task.partners))
+
+    async def _others_stand(self, task: Task | None) -> None:
+        mine = {carrier._axis for carrier, _ in self._all(task)}
+        others = [state.motion for axis, state in enumerate(self._drive.state.axes) if axis not in mine]
+        while any(motion.may_move for motion in others):
+            self._supervisor.plans.release()
+            try:
+                await anyio.sleep(_ASK_AGAIN)
+            finally:
+                await self._supervisor.plans.acquire()
+
+    async def _keep_fed(self, step: KeepFed) -> bool:
+        if self._bus.owner.feeding.get(self._drive.address) is not None:
+            return True
+        try:
+            fed = await admit_and_arm(self._bus, self._drive, step.timeout)
+        except WatchdogInfeasible as error:
+            error.add_note(
+                f"{self._drive.name} has had its watchdog set to {1000 * step.timeout:g} ms before this program. "
+                f"{OPTION} turns it off."
+            )
+            raise
+        if not fed:
+            raise NoReply(f"{self._drive.name} stopped answering while it was set up.", address=self._drive.address)
+        return False
 
     async def _check_standing(self, step: MustStand) -> None:
         if not await self._knowledge.stands():
@@ -254,27 +312,35 @@ class PlanCarrier:
 
     async def _start(self, step: Start, task: Task) -> bytes:
         """Send the start, and know whether the drive took it."""
-        state, move = self._state, task.move
-        state.ramp_stop, state.ramp_takes = step.stop, step.stopping
-        self._supervisor.begin(self._axis)
-        task.begun = True
-        begun = move.started_at = self._bus.now()
+        everybody = ((self, task), *task.partners)
+        began = self._bus.now()
+        for carrier, each in everybody:
+            carrier._state.ramp_stop, carrier._state.ramp_takes = step.stop, step.stopping
+            self._supervisor.begin(carrier._axis)
+            each.begun, each.move.started_at = True, began
+        motion = self._state.motion if not task.partners else self._drive.motion
+        # One that turns is not left alone for longer than any that turns: a drive that does not answer is stopped.
+        timeout = max(1.0, SILENT * self._supervisor.interval) if any(each.before for _, each in everybody) else None
         try:
             return await self._bus.ask(
-                step.request, repeat=step.repeat, moves=True, motion=state.motion, slot=task.slot
+                step.request, repeat=step.repeat, moves=True, motion=motion, slot=task.slot, timeout=timeout
             )
-        except OutcomeUnknown as unknown:
-            await self._settle(step, task, unknown)
+        except (OutcomeUnknown, NoReply) as unknown:
+            await self._settle(step, task, _as_unknown(unknown))
             return b""
         finally:
-            move.started_at = state.motion.commanded_at if state.motion.commanded_at >= begun else None
+            for carrier, each in everybody:
+                sent_at = carrier._state.motion.commanded_at
+                each.move.started_at = sent_at if sent_at >= began else None
 
     async def _settle(self, step: Start, task: Task, unknown: OutcomeUnknown) -> None:
         """See whether a start was taken whose answer was lost. Raises `_NotTaken` if it was not."""
         state = self._state
         try:
-            await self._ask_after(step, task)
-            taken = self._was_taken(step, task)
+            for carrier, each in ((self, task), *task.partners):
+                await carrier._ask_after(step, each)
+            # All are asked: each may find that its drive has restarted.
+            taken = True in {carrier._was_taken(step, each) for carrier, each in ((self, task), *task.partners)}
         except RequestFailed as error:
             self._stumble()
             if isinstance(error, NoReply | DeviceOffline) and not self._drive.tells_restarts:
@@ -291,7 +357,7 @@ class PlanCarrier:
         state = self._state
         speed = () if task.rpm is None else (Fact.SPEED,)
         await anyio.sleep(max(0.0, state.motion.commanded_at + self._drive.start_grace - self._bus.now()))
-        patience = self._bus.now() + _PATIENCE
+        patience = self._bus.now() + (0.0 if task.before else _PATIENCE)
         while True:
             try:
                 facts = (*self._drive.marks(self._axis), *step.signs, *speed)
@@ -338,3 +404,10 @@ class PlanCarrier:
             await self._stops.block(f"nobody knows what it does now ({unknown})")
         else:
             await self.stop_after(unknown)
+
+
+def _as_unknown(error: OutcomeUnknown | NoReply) -> OutcomeUnknown:
+    """Nobody knows what became of a start, be it one that may be repeated."""
+    if isinstance(error, OutcomeUnknown):
+        return error
+    return OutcomeUnknown(str(error), address=error.address, request=error.request, attempts=error.attempts)

@@ -50,6 +50,17 @@ class CommandQueue:
         self._unawaited: Handle[Any] | None = None
         """A failure that nobody could await."""
         self._hold: Handle[Any] | None = None
+        self._joints: dict[Handle[Any], object] = {}
+
+    def pair(self, handle: Handle[Any], joint: object) -> None:
+        """A command is carried out together with other axes."""
+        self._joints[handle] = joint
+        handle.add_done_callback(lambda ended: self._joints.pop(ended, None))
+
+    @property
+    def joint(self) -> object | None:
+        """Those who carry out the present command together with this axis."""
+        return None if self._current is None else self._joints.get(self._current)
 
     @property
     def current(self) -> Handle[Any] | None:

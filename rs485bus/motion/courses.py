@@ -76,6 +76,11 @@ class Course(ABC):
         self._limit = state.last(Fact.LIMIT).value
         """The limit at which it began: that it is still there is no news."""
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether nobody waits for its end: it is over when the axis was stopped, and seen standing."""
+        return False
+
     def judge(self) -> Verdict:
         """What becomes of it, by what is known now."""
         if self._is_troubled():
@@ -308,6 +313,10 @@ class RunCourse(Course):
         self._reached = not self.keeps
         self.eta = started_at + (profile.ramp if self.keeps else profile.ends_after)
         self.deadline = started_at + 2 * profile.ramp + 1 + (profile.duration or 0.0)
+
+    @property
+    def goes_on(self) -> bool:
+        return self.keeps
 
     def place(self) -> str:
         return f"has stopped during its {self.what}"

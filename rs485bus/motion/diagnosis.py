@@ -31,11 +31,13 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
     place = f"{name} {course.place()}"
     fault = state.value(Fact.FAULT)
     if fault:
-        return DriveFault(f"{place}: the drive reports {fault}.")
+        return DriveFault(f"{place}: the drive reports {fault}. {drive.fault_remedy}".rstrip())
     if state.value(Fact.STALLED):
         return MotorStalled(f"{place}: the drive reports a stall. {drive.stall_remedy}")
     if state.lost:
         return ReferenceLost(f"{place}: {state.lost} {LOST}")
+    if state.value(Fact.ENABLED) is False and (halted_by := drive.halted_by(axis)):
+        return MoveFailed(f"{place}: {halted_by}")
     if state.value(Fact.ENABLED) is False:
         return NotEnabled(f"{place}: its motor is not enabled any more, and nobody disabled it. enable() it.")
     limit = state.value(Fact.LIMIT)

@@ -93,6 +93,11 @@ class Ability(ABC):
         """The step in which speeds of moves to a position can be told, in rpm."""
         return 1.0
 
+    @property
+    def ramp_step(self) -> float:
+        """The step in which a drive can be told how long a ramp takes, in seconds; 0 where it is told a rate."""
+        return 0.0
+
     @abstractmethod
     def lowest_acceleration(self, rpm: float) -> float:
         """The slowest ramp to a speed, in rpm/s."""
@@ -110,8 +115,9 @@ class Ability(ABC):
         return self.parameters(rpm, acceleration)
 
     @abstractmethod
-    def ticks(self, duration: float) -> int:
-        """How a duration, in seconds, is said to the drive. Raises `LimitExceeded`."""
+    def ticks(self, duration: float) -> int | None:
+        """How the duration of a run, in seconds, is said to the drive; None where it does not time runs: the end is
+        told when it has come. Raises `LimitExceeded`."""
 
 
 class Drive(DeviceAdapter):
@@ -138,6 +144,8 @@ class Drive(DeviceAdapter):
     """What it says afterwards shows every restart: one that was not heard for a while need not be suspected of it."""
     stall_remedy = ""
     """What to do about a stall, in a sentence."""
+    fault_remedy = ""
+    """What to do about any fault, once its cause is mended, in a sentence."""
 
     def __init__(self, name: str, address: int, axes: tuple[AxisState, ...], motion: Motion | None = None) -> None:
         self.name = name
@@ -182,6 +190,11 @@ class Drive(DeviceAdapter):
         """Why it must have restarted, by these facts; empty if it need not have."""
         return ""
 
+    def halted_by(self, axis: int) -> str:
+        """What it says has stopped it, with no fault and nobody here having disabled it, in a sentence; empty if it
+        does not say."""
+        return ""
+
     def what_else(self, axis: int) -> str:
         """What may have stopped the axis where the drive reports nothing, in a sentence."""
         return "Another master, or an input, may have stopped it."
@@ -190,6 +203,10 @@ class Drive(DeviceAdapter):
 
     def set_up(self) -> Plan[None]:
         """Read and write what must be known and right before anything else. Asked before each command."""
+        return nothing()
+
+    def resume(self, axis: int) -> Plan[None]:
+        """Have it ready again after a controlled stop that let go of the motor. Asked before each command."""
         return nothing()
 
     @abstractmethod
@@ -233,6 +250,14 @@ class Drive(DeviceAdapter):
             frame for axis, rpm in speeds.items() for frame in self.setpoint(axis, rpm, acceleration, afresh=afresh)
         ]
 
+    def move_all(self, wanted: Mapping[int, tuple[int, MotionParameters]]) -> Plan[None]:
+        """Have some axes of the drive go to their targets, started by one frame."""
+        raise NotSupported(f"{self.name} cannot start its axes with one frame.")
+
+    def run_all(self, wanted: Mapping[int, tuple[float, MotionParameters]]) -> Plan[None]:
+        """Have some axes of the drive change to speeds, told by one frame."""
+        raise NotSupported(f"{self.name} cannot tell its axes their speeds with one frame.")
+
     def retarget(self, axis: int, target: int, parameters: MotionParameters, speed: float) -> Plan[None]:
         """Send a move under way, which has this speed in rpm, elsewhere. Its last step is the start."""
         raise NotSupported(f"{self.name} cannot be sent elsewhere while it moves: stop() it first.")
@@ -250,6 +275,10 @@ class Drive(DeviceAdapter):
     @abstractmethod
     def slows_down_for(self, emergency: bool) -> float:
         """Seconds that may pass between a stop frame and standing."""
+
+    def stopped_with(self, axis: int, emergency: bool) -> Motion:
+        """What a stop of an axis stops: that axis, or all of the drive."""
+        return self.state.axes[axis].motion
 
     def stopping_time(self, emergency: bool) -> float:
         # It takes a while to see it stand, too.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import math
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -28,9 +29,10 @@ from rs485bus.motion.carrier import PlanCarrier, Task
 from rs485bus.motion.courses import Course, MoveCourse, RunCourse, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
+from rs485bus.motion.joint import Joint, Part, PlanOfAll
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move, MoveState
-from rs485bus.motion.other_courses import HomingCourse
+from rs485bus.motion.other_courses import ForeignCourse, HomingCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ended, Plan
 from rs485bus.motion.profile import RunProfile, seconds_to
@@ -76,7 +78,7 @@ class MoveExecutor:
         """The target of the last move, if that was reached and nothing has happened since."""
         self.changeable: Move | None = None
         """The move under way, where it can be sent elsewhere."""
-        self.knowledge = AxisKnowledge(bus, drive, axis, name)
+        self.knowledge = AxisKnowledge(bus, drive, axis, name, supervisor.questions)
         self._bus = bus
         self._drive = drive
         self._axis = axis
@@ -106,7 +108,7 @@ class MoveExecutor:
             unit.locked = self._stops.blocked = ""
         await self.carry(self._drive.set_up)
         if state.holds is None and not await self.knowledge.stands():
-            await self._stops.stand_still()  # another program left it turning
+            await self._stops.stand_still(motion=self._drive.motion)  # another program left it turning
         await self.carry(lambda: self._drive.enable(self._axis))
         await self.knowledge.see_restart()
 
@@ -169,6 +171,8 @@ class MoveExecutor:
         await self._set_off(
             task,
             lambda: plan(target, told) if plan is not None else self._drive.move(self._axis, target, told),
+            (target, told),
+            self._drive.move_all,
         )
         assert move.started_at is not None
         course = MoveCourse(
@@ -207,7 +211,7 @@ class MoveExecutor:
         self._overtaken = False
         task = Task(move, start=await self.ready(standing=False), rpm=rpm, before=await self._speed())
         since = self._state.known(Fact.POSITION).at
-        await self._set_off(task, lambda: self._drive.run(self._axis, rpm, parameters, ticks))
+        await self._run_off(task, rpm, parameters, ticks)
         assert move.started_at is not None
         rate = min(parameters.acceleration, parameters.slowing_down)
         profile = RunProfile(rpm, rate, task.before, duration)
@@ -221,9 +225,19 @@ class MoveExecutor:
             counts_per_turn=counts_per_turn,
         )
         move.eta = course.eta
-        await self._see_it_end(move, course)
         if duration is None or not rpm:
+            await self._see_it_end(move, course)
             return
+        if ticks is not None:
+            await self._see_it_end(move, course)
+        else:
+            began = move.started_at
+
+            async def end_it() -> None:
+                await self._run_off(Task(move, start=task.start, rpm=0.0, before=rpm), 0.0, parameters, None)
+                move.started_at = began
+
+            await self._see_it_end(move, course, began + duration, end_it)
         went = self._state.rule.moved(task.start or 0, self._state.value(Fact.POSITION)) / counts_per_turn
         wanted = task.before * (move.started_at - since) / 60 + profile.turns_after(profile.ends_after)
         if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(rpm) / 60):
@@ -249,6 +263,16 @@ class MoveExecutor:
         position: int = self._state.last(Fact.POSITION).value
         return position
 
+    async def push(
+        self, move: Move, wanted: object, plan: Callable[[], Plan[None]], of_all: PlanOfAll, what: str
+    ) -> None:
+        """Have it do something by a plan that goes on until it is told otherwise. Done once it was told."""
+        task = Task(move, start=await self.ready(standing=False))
+        await self._set_off(task, plan, wanted, of_all)
+        assert move.started_at is not None
+        course = ForeignCourse(what, self._state, move.started_at, self._drive.start_grace, kept=True)
+        self._supervisor.follow(self._axis, course, lambda _, error: None if error is None else self._on_trouble(error))
+
     async def ready(self, *, standing: bool = True) -> int:
         """Know where the axis is, and that it may be moved; where it is.
 
@@ -267,8 +291,12 @@ class MoveExecutor:
         if standing:
             await self._carrier.have_it_stand()
             knowledge.notice_restart()
+            if state.stood_at is None:
+                self.commanded = None  # something may have moved it since
         if standing or state.lost != lost:
             knowledge.check_reference()
+        await self.carry(lambda: self._drive.resume(self._axis))
+        await knowledge.know((Fact.ENABLED,))
         await knowledge.know((Fact.POSITION,))
         self._check_able()
         position: int = state.value(Fact.POSITION)
@@ -288,12 +316,26 @@ class MoveExecutor:
 
     # Parts of them
 
-    async def _set_off(self, task: Task, make: Callable[[], Plan[None]]) -> None:
-        """Set the axis in motion, by a plan whose last step is the start."""
+    async def _run_off(self, task: Task, rpm: float, parameters: MotionParameters, ticks: int | None) -> None:
+        """Tell it a speed."""
+        await self._set_off(
+            task,
+            lambda: self._drive.run(self._axis, rpm, parameters, ticks),
+            (rpm, parameters),
+            self._drive.run_all,
+        )
+
+    async def _set_off(self, task: Task, make: Callable[[], Plan[None]], wanted: object, of_all: PlanOfAll) -> None:
+        """Set the axis in motion, by a plan whose last step is the start; by one `of_all` that are `wanted` to do
+        something together, where it is not alone."""
         self._supervisor.check_room(self._name)
+        joint = self._stops.queue.joint
         task.move.state = MoveState.STARTING
         self.commanded = None
-        await self.carry(make, task)
+        if isinstance(joint, Joint):
+            await joint.set_off(self._axis, Part(self._carrier, task, wanted, of_all))
+        else:
+            await self.carry(make, task)
         task.move.state = MoveState.MOVING
 
     async def _take_reference(self, *, at_zero: bool) -> int:
@@ -326,10 +368,12 @@ class MoveExecutor:
         state = self._state
         fault = state.value(Fact.FAULT)
         if fault:
-            raise DriveFault(f"{self._name} reports {fault}.")
+            raise DriveFault(f"{self._name} reports {fault}. {self._drive.fault_remedy}".rstrip())
         enabled = state.value(Fact.ENABLED)
         if enabled is False or (enabled is None and not state.holds):
             state.holds = False
+            if fault := state.value(Fact.FAULT):
+                raise DriveFault(f"{self._name}: the drive reports {fault}. {self._drive.fault_remedy}".rstrip())
             raise NotEnabled(f"{self._name} is not enabled: enable() it first.")
         state.holds = True
 
@@ -350,8 +394,21 @@ class MoveExecutor:
         )
         await self._see_it_end(move, course)
 
-    async def _see_it_end(self, move: Move, course: Course) -> None:
-        """Wait until a course has reached its speed, or has ended. Raises what is wrong with it."""
+    async def _see_it_end(
+        self,
+        move: Move,
+        course: Course,
+        over: float = math.inf,
+        end_it: Callable[[], Awaitable[None]] | None = None,
+    ) -> None:
+        """Wait until a course has reached its speed, or has ended. Raises what is wrong with it.
+
+        Args:
+            move: what it is a part of.
+            course: how it goes.
+            over: when it is to be ended, where the drive does not do that by itself.
+            end_it: tells the drive to.
+        """
         ended: list[tuple[Verdict, MotionError | None]] = []
         self._wake.clear()
 
@@ -365,12 +422,17 @@ class MoveExecutor:
                 self._on_trouble(error)
 
         self._told = told
-        if self._overtaken and isinstance(course, RunCourse) and course.keeps:
+        if self._overtaken and isinstance(course, RunCourse):
             ended.append((Verdict.REACHED, None))
         self._supervisor.follow(self._axis, course, told)
         while not ended:
-            await self._wake.wait()
+            with anyio.move_on_after(over - self._bus.now()):
+                await self._wake.wait()
             self._wake.clear()
+            if end_it is not None and not ended and self._bus.now() >= over:
+                over = math.inf
+                await end_it()
+                self._supervisor.follow(self._axis, course, told)
             if self._change is not None and isinstance(course, MoveCourse) and not ended:
                 await self._make_change(move, course)
         verdict, error = ended[0]

@@ -2,20 +2,82 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import anyio
 
 from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.errors import ReferenceLost
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.drive import Drive
+from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import FRESH, Fact
+from rs485bus.wire.frames import Request
 
 _LOOK_AGAIN = 0.005
 _ATTEMPTS = 3
 """How often something is asked whose answer may have been that to something older, or tells nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a drive has answered."""
+
+    at: float
+    """When it was asked, on the event loop's clock."""
+    request: Request
+    reply: bytes
+
+
+class Questions:
+    """Asks one drive. Who asks for the same while somebody else does gets the same answer.
+
+    Args:
+        bus: the bus it is on.
+        drive: the drive.
+    """
+
+    def __init__(self, bus: Bus, drive: Drive) -> None:
+        self._bus = bus
+        self._drive = drive
+        self._asking: dict[bytes, tuple[float, asyncio.Future[Answer | None]]] = {}
+        """What is being asked, by its frame: since when, and who waits for that."""
+
+    async def ask(self, fact: Fact, since: float | None = None) -> Answer:
+        """Ask for a fact; or wait for the answer, where it is being asked for since a time. None: since now."""
+        since = self._bus.now() if since is None else since
+        while True:
+            request = self._free(fact)
+            asked_at, answered = self._asking.get(request.adu, (NEVER, None))
+            if answered is None or asked_at < since:
+                return await self._ask(request)
+            answer = await asyncio.shield(answered)
+            if answer is not None:
+                return answer
+
+    async def _ask(self, request: Request) -> Answer:
+        now, answered = self._bus.now(), asyncio.get_running_loop().create_future()
+        self._asking[request.adu] = (now, answered)
+        answer = None
+        try:
+            answer = Answer(now, request, await self._bus.ask(request, urgency=Urgency.POLL))
+            return answer
+        finally:
+            if self._asking.get(request.adu, (NEVER, None))[1] is answered:
+                del self._asking[request.adu]
+            settle(answered, answer)  # None: who waits for it asks anew
+
+    def _free(self, fact: Fact) -> Request:
+        """What to ask for a fact: where a late reply could be taken for its answer, something that tells it, too."""
+        late = self._bus.owner.units[self._drive.address].late
+        late.expire(self._bus.now())
+        reading = self._drive.reading(fact, lambda request: not late.must_wait(request)) or self._drive.reading(fact)
+        assert reading is not None
+        return reading.request
 
 
 class AxisKnowledge:
@@ -26,25 +88,26 @@ class AxisKnowledge:
         drive: its drive.
         axis: which one of the drive it is.
         name: names it in messages.
+        questions: asks the drive.
     """
 
-    def __init__(self, bus: Bus, drive: Drive, axis: int, name: str) -> None:
+    def __init__(self, bus: Bus, drive: Drive, axis: int, name: str, questions: Questions) -> None:
         self.state = drive.state.axes[axis]
         self._bus = bus
         self._drive = drive
         self._axis = axis
         self._name = name
+        self._questions = questions
 
     async def know(self, facts: Iterable[Fact], *, since: float | None = None) -> None:
         """Have facts that were asked for since a time, or at least since the last frame that can have changed them."""
         for fact in self._drive.tells(*facts):
-            for _ in range(_ATTEMPTS):
+            for attempt in range(_ATTEMPTS):
                 known = self.state.known(fact)
-                if known.value is not None and (since is None or known.at >= since):
+                told = known.value is not None or (attempt > 0 and known.at > NEVER)  # it may say nothing of it
+                if told and (since is None or known.at >= since):
                     break
-                reading = self._drive.reading(fact)
-                assert reading is not None
-                await self._bus.ask(reading.request, urgency=Urgency.POLL)
+                await self._questions.ask(fact, since)
 
     async def afresh(self, *facts: Fact) -> None:
         """Ask for facts now."""

@@ -79,9 +79,8 @@ class ForeignCourse(Course):
         self.keeps = kept
 
     @property
-    def has_ended(self) -> bool:
-        """Whether somebody else has seen it stand."""
-        return not self.keeps and not self.state.motion.may_move
+    def goes_on(self) -> bool:
+        return True
 
     def _is_troubled(self) -> bool:
         if self.keeps:

@@ -60,6 +60,24 @@ class Stand:
 
     surely: bool = False
     """Stop it also if it stands: it must not start any more."""
+    whole: bool = False
+    """All axes of the drive."""
+
+
+@dataclass(frozen=True, slots=True)
+class OthersStand:
+    """Wait until the drive's axes stand that take no part in this. Other plans may be carried out meanwhile."""
+
+
+@dataclass(frozen=True, slots=True)
+class KeepFed:
+    """Have the drive's watchdog fed from now on, as a whole: it was found to be on. Gives whether it was fed already.
+
+    Raises `WatchdogInfeasible` where it cannot be fed in time.
+    """
+
+    timeout: float
+    """Seconds to which it is set."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +132,7 @@ class Ended:
     """Seconds from the start."""
 
 
-Step = Ask | AnswersAgain | Know | Stand | MustStand | Pause | Start | Ended
+Step = Ask | AnswersAgain | Know | Stand | OthersStand | KeepFed | MustStand | Pause | Start | Ended
 Plan = Generator[Step, Any, T]
 
 

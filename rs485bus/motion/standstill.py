@@ -63,8 +63,8 @@ class Standstill:
         """Take in what was asked at a time: where the axis is, what its status says, how fast it turns."""
         if running is not None:
             self._running = running
-        if rpm is not None and abs(rpm) > self.rule.still_rpm:
-            self._fast_at = at
+        if rpm is not None:
+            self._fast_at = at if abs(rpm) > self.rule.still_rpm else NEVER
         if position is None:
             return
         if self._position is None:
@@ -107,8 +107,8 @@ class Standstill:
         """True: it stands. False: it moves. None: that cannot be told yet."""
         if self._position is None:
             return None
-        if self._fast_at >= self.since:
-            return False
+        if self._fast_at > self.since:
+            return False  # the speed that was reported with its last change of position is no later news
         if self.unmoved >= (self.rule.apart if self.confirmed else self.rule.contradicted):
             return True
         return False if self._moved_at == self.until else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from rs485bus.bus.bus import Bus
@@ -52,6 +52,10 @@ class StopControl:
         self.queue = CommandQueue(bus, name, on_plans_off, lambda: self.begin_stop(emergency=True), make_safe)
         self.blocked = ""
         """Why it moves only after `enable()`."""
+        self.others: Sequence[StopControl] = ()
+        """Those of the drive's other axes, where a stop of one may stop them all."""
+        self.failure: Handle[Any] | None = None
+        """The last failure of something that nobody waited for."""
         self._bus = bus
         self._drive = drive
         self._axis = axis
@@ -60,7 +64,7 @@ class StopControl:
         self._supervisor = supervisor
         self.tell = tell
         self._on_stop = on_stop
-        self._knowledge = AxisKnowledge(bus, drive, axis, name)
+        self._knowledge = AxisKnowledge(bus, drive, axis, name, supervisor.questions)
 
     # What users ask for
 
@@ -70,8 +74,8 @@ class StopControl:
         self.queue.interrupt(MoveCancelled(f"{self._name} was stopped."))
         return self.begin_stop(emergency=emergency)
 
-    def begin_stop(self, *, emergency: bool) -> Handle[None]:
-        """Stop; nothing else begins before it was seen standing."""
+    def begin_stop(self, *, emergency: bool, why: MotionError | None = None) -> Handle[None]:
+        """Stop; nothing else begins before it was seen standing. `why`: what is wrong, if something is."""
         handle: Handle[None] = Handle(f"stop of {self._name}", self._bus.unseen)
         if self.queue.current is None:
             self._supervisor.leave(self._axis)  # else who carries that out finds out why it has ended
@@ -85,8 +89,9 @@ class StopControl:
             else:
                 self._bus.spawn(self._see_it_stay(handle), f"rs485bus {handle.what}")
 
-        self._halt(emergency=emergency).add_done_callback(told)
-        self.queue.hold(handle)
+        self._halt(emergency=emergency, why=why).add_done_callback(told)
+        for each in (self, *self._taken_along(emergency)):
+            each.queue.hold(handle)
         return handle
 
     async def _see_it_stay(self, handle: Handle[None]) -> None:
@@ -125,10 +130,18 @@ class StopControl:
 
     # What its commands need
 
-    async def stand_still(self, *, emergency: bool = False, motion: Motion | None = None) -> None:
-        """Stop what it was told before, and see it stand. Raises `StopUnconfirmed`."""
+    async def stand_still(
+        self, *, emergency: bool = False, motion: Motion | None = None, why: MotionError | None = None
+    ) -> None:
+        """Stop what it was told before, and see it stand. Raises `StopUnconfirmed`.
+
+        Args:
+            emergency: as fast as the drive can.
+            motion: what is stopped, where that is known to be more than what a stop of this axis stops.
+            why: what is wrong, if something is.
+        """
         self._supervisor.leave(self._axis)
-        halted = await asyncio.shield(self._halt(emergency=emergency, motion=motion))
+        halted = await asyncio.shield(self._halt(emergency=emergency, motion=motion, why=why))
         if not halted.standing:
             raise self.unconfirmed()
 
@@ -160,8 +173,14 @@ class StopControl:
         """Something is wrong with an axis of which nobody waits for the end. It is stopped; who gives the next command
         is told, and whoever leaves the block of the bus."""
         _log.warning("%s", error)
-        self.begin_stop(emergency=emergency)
-        self.queue.fail(Handle(what, self._bus.unseen), error)
+        # Of a failure that is told of several axes of a drive, who has seen one has seen all.
+        told = next((other.failure for other in self.others if other.failure and not other.failure.seen), None)
+        failure = self.failure = told or Handle(what, self._bus.unseen)
+        kept = [other for other in self._taken_along(emergency) if other.keeps]
+        self.begin_stop(emergency=emergency, why=error)
+        self.queue.fail(failure, error)
+        for other in kept:
+            other.queue.fail(failure, error)  # who sees it once has seen it
 
     # What its group needs
 
@@ -199,13 +218,42 @@ class StopControl:
         self.tell(EventKind.LOST if isinstance(error, NotSent) else EventKind.TRIP, str(error))
         self.queue.interrupt(error, MoveCancelled(f"Cancelled: {error}"))
 
-    def _halt(self, *, emergency: bool, motion: Motion | None = None) -> asyncio.Future[Halted]:
+    @property
+    def keeps(self) -> bool:
+        """Whether it goes on with something of which nobody waits for the end."""
+        return self.queue.current is None and self._motion.may_move
+
+    def _taken_along(self, emergency: bool) -> Sequence[StopControl]:
+        """Those of the axes that a stop of this one stops, too."""
+        whole = self._drive.stopped_with(self._axis, emergency) is not self._motion
+        return self.others if whole else ()
+
+    def _take_along(self, why: MotionError) -> None:
+        """It is stopped, because another one is with which it is stopped."""
+        kept = self.keeps
+        self.queue.interrupt(why)
+        if kept and not isinstance(why, MoveCancelled):
+            self.queue.fail(Handle(f"motion of {self._name}"), why)  # whoever commands it next is told
+        self._supervisor.leave(self._axis)
+        self._on_stop()
+
+    def _halt(
+        self, *, emergency: bool, motion: Motion | None = None, why: MotionError | None = None
+    ) -> asyncio.Future[Halted]:
         """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
         self._on_stop()
         halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
-        motion = motion or self._motion
         if self._bus.closed:
             halted.set_result(Halted(self._drive.address, self._drive.family, False, 0))
             return halted
+        if motion is None:
+            motion, joint = self._drive.stopped_with(self._axis, emergency), self.queue.joint
+            stopped = MoveCancelled(f"{self._name} was stopped, and what moves with it.")
+            for other in self._taken_along(emergency):
+                together = joint is not None and other.queue.joint is joint
+                if not together:  # else they stand still before what they do together
+                    other._take_along(why or stopped)
+        # Whoever asks for a stop may know of a motion that is not known here.
+        motion.moves()
         self._bus.halt(self._drive, motion, emergency=emergency, told=lambda ended: settle(halted, ended))
         return halted

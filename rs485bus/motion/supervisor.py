@@ -6,6 +6,7 @@ and whether anybody waits for it or not. Replies to others count: only what woul
 
 from __future__ import annotations
 
+import asyncio
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget
 from rs485bus.motion.other_courses import ForeignCourse
+from rs485bus.motion.knowledge import Questions
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
 from rs485bus.wire.frames import Request
@@ -74,6 +76,9 @@ class Supervisor:
         self._drive = drive
         self._budget = bus.keep(LookBudget, lambda: LookBudget(bus.config.supervision))
         self._watched: dict[int, _Watched] = {}
+        self.plans = asyncio.Lock()
+        """Held while a plan of the drive is carried out: what its axes share is changed by one at a time."""
+        self.questions = Questions(bus, drive)
         self._job: Job | None = None
         self._unanswered: dict[bytes, Job] = {}
         """Looks that were not answered, by their frames. The same one may be sent again where an equal one must wait,
@@ -149,15 +154,15 @@ class Supervisor:
                 watched.state.suspect(why)
             watched.changes.look()
             self._tell_of_restart(watched)
-            if isinstance(watched.course, ForeignCourse) and watched.course.has_ended:
-                watched.course = None
+            if watched.course is not None and watched.course.goes_on and not watched.state.motion.may_move:
+                watched.course = watched.told = watched.doubted_at = None  # it was stopped, and seen standing
             if watched.silent and self._drive.state.heard_at > self._since:
                 watched.silent = False
                 watched.tell(EventKind.BACK, "its drive answers again")
             if watched.starting or (watched.course is None and not self._may_move(watched)):
                 continue
             active = True
-            if not self._is_being_stopped():
+            if not self._is_being_stopped(watched):
                 self._judge(axis, watched, now)
         if not active:
             self._rest()
@@ -186,8 +191,9 @@ class Supervisor:
             watched.course = ForeignCourse("motion", state, state.motion.commanded_at, self._drive.start_grace)
         return state.motion.may_move
 
-    def _is_being_stopped(self) -> bool:
-        return self._bus.owner.units[self._drive.address].halt is not None
+    def _is_being_stopped(self, watched: _Watched) -> bool:
+        halt = self._bus.owner.units[self._drive.address].halt
+        return halt is not None and halt.motion in (watched.state.motion, self._drive.motion)
 
     def _judge(self, axis: int, watched: _Watched, now: float) -> None:
         course = watched.course

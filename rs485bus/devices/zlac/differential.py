@@ -42,7 +42,7 @@ class DifferentialDrive:
         self._begin = Pose()
         self._odometry: Odometry | None = None
         self._looked_at = 0.0
-        self._zeroings = (0, 0)
+        self._zeroings: tuple[int, ...] = (0, 0)
         self._lost = ""
 
     @property
@@ -88,7 +88,7 @@ class DifferentialDrive:
         )
         odometry = self._odometry = self._odometry or Odometry(self.track, left, right, self._begin)
         counts = (seen.motion[0].position, seen.motion[1].position)
-        zeroings = (wheels[0].zeroings, wheels[1].zeroings)
+        zeroings = tuple(self.zlac._drive.zeroings)
         if zeroings != self._zeroings:
             odometry.begin(counts)
         furthest = _MARGIN * (seen.at - self._looked_at) * setup.speed_limit / 60 + _SLACK

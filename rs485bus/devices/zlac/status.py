@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
-from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.zlac import registers as r
-from rs485bus.devices.zlac.driver import ZlacDriver
-from rs485bus.devices.zlac.hub import HubMotor
-from rs485bus.devices.zlac.telemetry import StatusWord
-from rs485bus.devices.zlac.values import Brake, Fault, InputFunction, Inputs, Outputs, ShaftState
+from rs485bus.devices.zlac.telemetry import Half, StatusWord
+from rs485bus.devices.zlac.values import Brake, Fault, InputFunction, Inputs, Outputs, ShaftState, Side
+from rs485bus.motion.sample import AxisStatus
 
 
 @dataclass(frozen=True, slots=True)
-class WheelStatus:
+class WheelStatus(AxisStatus):
     """One wheel."""
 
     shaft: ShaftState
@@ -32,6 +32,23 @@ class WheelStatus:
     """1..6; 0 and 7 mean a fault of the Hall sensors."""
     brake: Brake
     """What its external brake is told (B0, B1)."""
+
+    @property
+    def enabled(self) -> bool:  # type: ignore[override] # it is computed
+        return self.shaft is ShaftState.LOCKED
+
+    @property
+    def moving(self) -> bool:
+        return self.running
+
+    @property
+    def faulty(self) -> bool:
+        return bool(self.faults)
+
+    @property
+    def fault(self) -> str:
+        """Its errors, each with what to do about it."""
+        return self.faults.describe()
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,34 +80,43 @@ class ZlacStatus:
         return self.left.faults | self.right.faults
 
 
-async def read_status(driver: ZlacDriver, *wheels: HubMotor) -> ZlacStatus:
-    """Ask a drive for what it reports of its two wheels and of itself."""
-    _, voltage, word, *rest = await driver.read_block(r.REPORT, Urgency.POLL)
-    inputs, outputs = await driver.read_block(r.PORTS, Urgency.POLL)
-    reversed_, x0, x1, _, *brakes = await driver.read_block(r.TERMINALS, Urgency.POLL)
+BLOCKS = (r.REPORT, r.PORTS, r.TERMINALS)
+"""What is read for a status."""
+
+
+def status_from(
+    blocks: Sequence[Sequence[Any]], left: Literal["low", "high"], counts: Sequence[float], signs: Sequence[int]
+) -> ZlacStatus:
+    """The status in what `BLOCKS` read.
+
+    Args:
+        blocks: their values.
+        left: which half of the status word is the left wheel's.
+        counts: of the drive to one unit of each wheel.
+        signs: 1 or -1 for each wheel.
+    """
+    (_, voltage, word, *rest), (inputs, outputs), (reversed_, x0, x1, _, *brakes) = blocks
     hall, temperature, faults, position, rpm, torque = (rest[at : at + 2] for at in range(0, 12, 2))
     status = StatusWord(word)
-    seen = []
-    for at, wheel in enumerate(wheels):
-        half = status.of(wheel.side, driver.options.status_word_left)
-        sign = -1 if wheel.reverse else 1
-        seen.append(
+    wheels = []
+    for at, side in enumerate(Side):
+        half: Half = status.of(side, left)
+        wheels.append(
             WheelStatus(
                 shaft=half.shaft,
                 running=half.running,
                 faults=faults[at],
-                position=sign * position[at] / wheel.counts_per_turn * wheel.units_per_turn,
-                rpm=sign * round(rpm[at], 1),
-                torque=sign * torque[at],
+                position=signs[at] * position[at] / counts[at],
+                rpm=signs[at] * round(rpm[at], 1),
+                torque=signs[at] * torque[at],
                 temperature=temperature[at],
                 hall=hall[at],
                 brake=brakes[at],
             )
         )
-    left, right = seen
     return ZlacStatus(
-        left=left,
-        right=right,
+        left=wheels[0],
+        right=wheels[1],
         word=status,
         bus_voltage=round(voltage, 2),
         temperature=round(rest[-1], 1),

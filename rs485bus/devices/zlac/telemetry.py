@@ -1,18 +1,18 @@
-"""What a drive reports of its wheels, of one moment; and how to tell from it whether a wheel stands. Pure."""
+"""What a drive reports of its wheels, of one moment, and what that tells of each as an axis. Pure."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from rs485bus.devices.zlac import registers as r
+from rs485bus.devices.zlac.memory import decode
 from rs485bus.devices.zlac.values import Fault, ShaftState, Side
+from rs485bus.motion.state import Fact
 
-_STILL_RPM = 1.0
+STILL_RPM = 1.0
 """Up to here a wheel that is held in place may seem to turn."""
-_SAME = 2
-"""Counts by which a standing wheel may seem to move."""
-_RECENT, _OLD = 0.1, 2.0
-"""Seconds within which a wheel that moved is taken to move still, and after which a position says nothing any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,53 +87,57 @@ class Snapshot:
     motion: tuple[WheelMotion, WheelMotion]
 
 
-def motions(data: bytes) -> tuple[WheelMotion, WheelMotion]:
-    """The wheels in the payload of a read of `registers.MOTION`: the left one first."""
-    left, right, left_rpm, right_rpm, left_torque, right_torque = r.MOTION.decode(data)
-    return (
-        WheelMotion(left, round(left_rpm, 1), left_torque),
-        WheelMotion(right, round(right_rpm, 1), right_torque),
+def snapshot(words: Mapping[int, int], at: float) -> Snapshot:
+    """The wheels in registers that were read together, `registers.STATE` among them, asked for at a time."""
+    first = r.STATE.address
+    data = b"".join(words[first + place].to_bytes(2, "big") for place in range(r.STATE.count))
+    status, *pairs = r.STATE.decode(data)
+    hall, temperature, faults, position, rpm, torque = (tuple(pairs[n : n + 2]) for n in range(0, 12, 2))
+    left, right = (WheelMotion(position[n], round(rpm[n], 1), torque[n]) for n in range(len(Side)))
+    return Snapshot(at, StatusWord(status), hall, temperature, faults, (left, right))
+
+
+def tell(words: Mapping[int, int]) -> tuple[dict[Fact, Any], dict[Fact, Any]]:
+    """What registers tell of the left and the right wheel: as many of them as were read, by whomever."""
+    status, mode = decode(r.STATUS, words), decode(r.MODE, words)
+    word = None if status is None else StatusWord(status)
+    left, right = (_tell_of(side, words, word) for side in Side)
+    faults = decode(r.ERRORS.left, words), decode(r.ERRORS.right, words)
+    for told in (left, right):
+        if mode is not None:
+            told[Fact.MARK] = mode
+        if faults[0] is not None and faults[1] is not None:
+            # A fault of one wheel is a fault of both: both stop.
+            told[Fact.FAULT] = describe((faults[0], faults[1])) or ("an alarm" if _alarms(word) else "")
+        elif _alarms(word):
+            told[Fact.FAULT] = "an alarm"
+    return left, right
+
+
+def describe(faults: tuple[Fault, Fault]) -> str:
+    """The errors of the left and the right wheel, in words; empty if there are none."""
+    return "; ".join(
+        f"{side.name.lower()} {fault.describe()}" for side, fault in zip(Side, faults, strict=True) if fault
     )
 
 
-def snapshot(data: bytes, at: float) -> Snapshot:
-    """The wheels in the payload of a read of `registers.STATE`, asked for at a time."""
-    status, *bytes_and_faults = r.STATE.decode(data)[:7]
-    hall, temperature, faults = (tuple(bytes_and_faults[n : n + 2]) for n in (0, 2, 4))
-    motion = motions(data[-2 * r.MOTION.count :])
-    return Snapshot(at, StatusWord(status), hall, temperature, faults, motion)
+def _alarms(word: StatusWord | None) -> bool:
+    return word is not None and word.either(ShaftState.ALARM)
 
 
-class Stillness:
-    """Tells from what a wheel reports whether it stands.
-
-    Neither speed nor run bits are trusted alone: some firmware reports a speed in velocity mode only, and a run bit may
-    be the other wheel's. A position that stays is the truth, but takes time to see.
-
-    Args:
-        quiet: seconds for which the position must have stayed where nothing else says that the wheel runs.
-        contradicted: the same where a run bit says so.
-    """
-
-    def __init__(self, quiet: float, contradicted: float) -> None:
-        self._quiet = quiet
-        self._contradicted = contradicted
-        self._since = 0.0
-        self._at = float("-inf")
-        self._position = 0
-
-    def see(self, at: float, wheel: WheelMotion, running: bool) -> bool | None:
-        """Take in a report made at a time. True: it stands. False: it moves. None: that cannot be told yet."""
-        moved = abs(turned(self._position, wheel.position)) > _SAME
-        recent = at - self._at < _RECENT
-        if moved or at - self._at > _OLD:
-            self._since, self._position = at, wheel.position
-        self._at = at
-        if abs(wheel.rpm) > _STILL_RPM:
-            return False
-        if at - self._since >= (self._contradicted if running else self._quiet):
-            return True
-        return False if moved and recent else None
+def _tell_of(side: Side, words: Mapping[int, int], word: StatusWord | None) -> dict[Fact, Any]:
+    told: dict[Fact, Any] = {}
+    position, rpm = decode(r.POSITION.of(side), words), decode(r.VELOCITY.of(side), words)
+    if position is not None:
+        told[Fact.POSITION] = position
+    if rpm is not None:
+        told[Fact.SPEED] = round(rpm, 1)
+    if word is not None:
+        told[Fact.ENABLED] = word.enabled
+        # Which half is whose is disputed: one run bit alone may be the other wheel's.
+        turns = (word.low.running and word.high.running) or (rpm is not None and abs(rpm) > STILL_RPM)
+        told[Fact.RUNNING] = False if not word.running else (True if turns else None)
+    return told
 
 
 def turned(before: int, after: int) -> int:

@@ -1,42 +1,16 @@
-"""Two wheels that carry out one command."""
+"""The handle of a command of both wheels."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import Any, Generic, TypeVar, cast
 
 from rs485bus.bus.handle import Handle
-from rs485bus.devices.zlac.values import Side
 from rs485bus.errors import MoveCancelled
-from rs485bus.motion.group.barrier import Barrier
 from rs485bus.motion.move import Move
 
 T = TypeVar("T")
-
-
-class Together(Barrier[Side]):
-    """Where the orders of both wheels meet.
-
-    Args:
-        drop: ends a wheel's part of the command, because the other wheel's failed.
-    """
-
-    def __init__(self, drop: Callable[[Side], None]) -> None:
-        super().__init__(list(Side))
-        self._drop = drop
-        self._in = set(Side)
-
-    def join(self, side: Side, part: Handle[Any]) -> None:
-        """A wheel's part of the command. Where it fails, however it does, it takes the other one along."""
-        part.add_done_callback(lambda ended: self._leave(side, ended.error is not None))
-
-    def _leave(self, side: Side, failed: bool) -> None:
-        self._in.discard(side)
-        if failed and self._in:
-            (other,) = self._in
-            self._in.clear()
-            self._drop(other)
 
 
 class Both(Generic[T]):

@@ -2,33 +2,53 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from typing import Any, TypeVar
 
-import anyio
-
+from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.bus.schedule.burst import BurstSlot
-from rs485bus.devices.travel import Look
+from rs485bus.devices.zlac import plans
 from rs485bus.devices.zlac import registers as r
-from rs485bus.devices.zlac.frames import write_together
-from rs485bus.devices.zlac.hub import HubMotor
-from rs485bus.devices.zlac.modes import Target
-from rs485bus.devices.zlac.together import Together
-from rs485bus.devices.zlac.values import ControlMode, Side, Synchrony, ZeroReset
-from rs485bus.errors import DeviceOffline, LimitExceeded, MoveFailed, NoReply, RequestFailed
+from rs485bus.devices.zlac.drive import ZlacDrive
+from rs485bus.devices.zlac.values import ControlMode, Side
+from rs485bus.errors import LimitExceeded, MoveCancelled, StopUnconfirmed
+from rs485bus.motion.axis import Axis
 from rs485bus.motion.group.member import GroupAxis, GroupMemberMove
-from rs485bus.motion.move import Move, MoveState, MoveTarget
+from rs485bus.motion.joint import Joint
+from rs485bus.motion.move import Move, MoveTarget
 from rs485bus.motion.parameters import MotionParameters
-from rs485bus.wire.frames import Request
+from rs485bus.motion.plan import Plan
+from rs485bus.motion.supervisor import Supervisor
 
-P = TypeVar("P")
+T = TypeVar("T")
 
 
-class ZlacWheel(HubMotor):
+class Turns:
+    """Which wheel's command needs the drive in which mode."""
+
+    def __init__(self) -> None:
+        self.enabling = asyncio.Lock()
+        """Held while one is enabled, and the other one with it."""
+        self._modes: dict[int, ControlMode] = {}
+        self._freed = asyncio.Event()
+
+    @asynccontextmanager
+    async def of(self, axis: int, mode: ControlMode, *, alone: bool) -> AsyncIterator[None]:
+        """A wheel's command needs a mode. Where it is not for both, it waits while that of the other needs another."""
+        while alone and any(other is not mode for by, other in self._modes.items() if by != axis):
+            self._freed.clear()
+            await self._freed.wait()
+        self._modes[axis] = mode
+        try:
+            yield
+        finally:
+            del self._modes[axis]
+            self._freed.set()
+
+
+class ZlacWheel(Axis):
     """One wheel. Made by `Zlac8015d`, as its `left` and its `right`.
 
     A `move_by` beyond what an absolute target may be (0x3FFFFFFF counts either way) is sent as a distance, which may be
@@ -40,16 +60,49 @@ class ZlacWheel(HubMotor):
     if this program ends before, unless a watchdog guards it.
     """
 
+    other: ZlacWheel
+
+    def __init__(
+        self,
+        bus: Bus,
+        drive: ZlacDrive,
+        side: Side,
+        supervisor: Supervisor,
+        turns: Turns,
+        *,
+        units_per_turn: float,
+        reverse: bool,
+        limits: tuple[float, float] | None,
+        rpm: float,
+        acceleration: float,
+        tolerance: int,
+    ) -> None:
+        self.side = side
+        self._zlac = drive
+        self._turns = turns
+        super().__init__(
+            bus,
+            drive,
+            side.index,
+            f"{drive.name} {side.name.lower()}",
+            supervisor,
+            units_per_turn=units_per_turn,
+            reverse=reverse,
+            limits=limits,
+            rpm=rpm,
+            acceleration=acceleration,
+            tolerance=tolerance,
+        )
+
     # Verbs
 
-    def goal_by(self, distance: float) -> MoveTarget:
-        distance = self._number("distance", distance)
-        if abs(self._to_counts(distance)) > r.MAX_COUNTS:
-            raise LimitExceeded(
-                f"{self.name}: a way of {distance:g} is longer than {r.MAX_COUNTS} counts, which is what the drive can "
-                "be told. Go it in several moves, each from a new zero: set_zero()."
-            )
-        return super().goal_by(distance)
+    def enable(self) -> Handle[None]:
+        """Hold both wheels, so that they take commands. Nothing that they were told before goes on.
+
+        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
+        """
+        self.forgive()
+        return self._order("enable", self._enable)
 
     def torque(self, milliamperes: int, *, slope: int | None = None) -> Move:
         """Push with a torque, given as a current, until told otherwise. Done once the drive was told.
@@ -63,265 +116,150 @@ class ZlacWheel(HubMotor):
         Raises:
             LimitExceeded: one of them is out of its range; nothing is queued.
         """
-        r.TARGET_TORQUE.of(self.side).raw(milliamperes)
+        wanted = self._sign * r.TARGET_TORQUE.of(self.side).raw(milliamperes)
         if slope is not None:
             r.TORQUE_SLOPE.of(self.side).raw(slope)
         move = self._new_move(f"torque of {milliamperes} mA", None)
         self._planned = None
-        self._orders.add(move, lambda: self._push(move, self._sign * milliamperes, slope))
+        self._queue.add(move, lambda: self._push(move, wanted, slope))
         return move
 
-    # For the pair
+    async def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
+        for wheel in (self, self.other):
+            await wheel._queue.drain()
+
+    # For groups and for the pair
+
+    def goal_by(self, distance: float) -> MoveTarget:
+        distance = self._number("distance", distance)
+        if abs(self._to_counts(distance)) > r.MAX_COUNTS:
+            raise LimitExceeded(
+                f"{self.name}: a way of {distance:g} is longer than {r.MAX_COUNTS} counts, which is what the drive can "
+                "be told. Go it in several moves, each from a new zero: set_zero()."
+            )
+        return super().goal_by(distance)
 
     def accompany(self, moves: Mapping[GroupAxis, GroupMemberMove]) -> None:
         """One frame starts both wheels, where both go."""
         right = self.other
-        if self.side is Side.LEFT and right in moves and isinstance(right, ZlacWheel):
-            wheels = (self, right)
-            together = Together(lambda side: wheels[side.index].drop(moves[wheels[side.index]]))
-            for wheel in wheels:
-                wheel.pair(moves[wheel], together)
+        if self.side is Side.LEFT and right in moves:
+            pair((self, right), (moves[self], moves[right]))
 
-    def pair(self, handle: Handle[Any], together: Together) -> None:
-        """Carry this out together with the other wheel."""
-        self._pairs[handle] = together
-        handle.add_done_callback(lambda ended: self._pairs.pop(ended, None))
-        together.join(self.side, handle)
+    def drop(self, handle: Handle[Any]) -> None:
+        """The other wheel's part of a command failed: end this one's."""
+        ended = MoveCancelled(f"Cancelled: {self.other.name} did not carry out its part of it.")
+        if self._queue.current is not handle:
+            self._queue.remove(handle, ended)
+            return
+        self._queue.interrupt(ended)
+        # Where both are being stopped already, let that go first.
+        asyncio.get_running_loop().call_soon(self.stop_if_moving)
 
-    def order_together(
-        self, what: str, together: Together, act: Callable[[], Awaitable[None]], standing: bool
-    ) -> Handle[None]:
-        """Queue something that is done once when both wheels have come to it, and stand if they must."""
+    def stop_with(self, other: ZlacWheel) -> None:
+        """The other wheel, which stops of this one may stop, too."""
+        self.other = other
+        self._stops.others = (other._stops,)
 
-        async def carry_out() -> None:
-            self._together = together
-            try:
-                await together.meet(self.side, None, _nothing)
-                if self._running and standing:
-                    await self._stand_still()
-                await together.meet(self.side, None, lambda _: act())
-            finally:
-                self._together = None
+    def stopped_as_pair(self, stop: Handle[None]) -> None:
+        """Both wheels are being stopped."""
+        self._stops.check_open()
+        self._queue.interrupt(MoveCancelled(f"{self.name} was stopped."))
+        self._supervisor.leave(self._at)
+        self._was_stopped()
+        self._queue.hold(stop)
 
-        handle = self._order(what, carry_out)
-        together.join(self.side, handle)
-        return handle
+    def unconfirmed(self) -> StopUnconfirmed:
+        """It was not seen standing after a stop of both wheels."""
+        return self._stops.unconfirmed()
 
     def carries_out(self, handle: Handle[Any]) -> bool:
         """Whether it has begun with a command."""
-        return self._orders.current is handle
+        return self._queue.current is handle
+
+    def overtake(self, run: Handle[Any]) -> None:
+        """Do not wait for the speed of a run: another one follows."""
+        if self._queue.current is run:
+            self._executor.overtake()
+
+    def order_once(self, what: str, plan: Callable[[], Plan[None]]) -> Handle[None]:
+        """Queue something that is done once for both wheels."""
+
+        async def carry_out() -> None:
+            assert self.joint is not None
+            await self.joint.once(self._at, lambda: self.carry(plan))
+
+        return self._order(what, carry_out)
+
+    async def carry(self, plan: Callable[[], Plan[T]]) -> T:
+        """Carry out a plan that concerns both wheels, and sets nothing in motion."""
+        return await self._executor.carry(plan)
+
+    def was_interrupted(self, unheard: float, reason: str) -> None:
+        """The bus stopped the drive for safety, or lost it."""
+        self._was_interrupted(unheard, reason)
+
+    def recount(self) -> None:
+        """It is known how the drive counts."""
+        self._recount()
+
+    @property
+    def joint(self) -> Joint | None:
+        """With whom it carries out the present command."""
+        joint = self._queue.joint
+        return joint if isinstance(joint, Joint) else None
 
     # Carrying out
 
+    def _pace(self, rpm: float | None, acceleration: float | None) -> MotionParameters:
+        # The drive may be set to less (0x2008) than the facade was made for.
+        return super()._pace(min(self.rpm, self._ability.fastest[0]) if rpm is None else rpm, acceleration)
+
     @asynccontextmanager
-    async def _in_turn(self, handle: Handle[Any] | None, mode: ControlMode) -> AsyncIterator[None]:
-        """Be the one whose command needs the drive, or have that together with the other wheel."""
-        together = None if handle is None else self._pairs.pop(handle, None)
-        self._now, self._together, self._mode = handle, together, mode
-        try:
-            if together is not None:
-                self._skips = await together.meet(self.side, handle, self.modes.overtaken)
-            await self._set_up()
-            async with self.modes.reserve(self.side, mode, alone=together is None):
-                yield
-        finally:
-            self._now, self._together, self._skips = None, None, False
+    async def _in_turn(self, mode: ControlMode) -> AsyncIterator[None]:
+        """Wait for the other wheel: until it has come to the present command, where that is for both; else until its
+        own needs no other mode."""
+        axes = (self._at,) if self.joint is None else (0, 1)
+        if self.joint is not None:
+            await self.joint.gather(self._at)
+        async with self._turns.of(self._at, mode, alone=self.joint is None):
+            await self._executor.carry(self._zlac.set_up)
+            plans.check_alone(self._zlac, mode, axes)
+            yield
 
-    async def _act(self, part: P, act: Callable[[dict[Side, P]], Awaitable[None]]) -> None:
-        """Have a part acted on: alone, or as soon as the other wheel has come with its own."""
-        if self._together is None:
-            await act({self.side: part})
-        else:
-            await self._together.meet(self.side, part, act)
-
-    async def _start(self, part: P, act: Callable[[dict[Side, P]], Awaitable[None]]) -> None:
-        """The same for what sets it in motion. That may take some frames; the last one is the start."""
-        try:
-            await self._act(part, act)
-        finally:
-            if isinstance(self._now, Move):
-                self._now.started_at = self.modes.told_at[self.side]
-
-    async def _prepare(self, *, standing: bool = True) -> Look:
-        self._check_rearm()
-        await self._resume()
-        changes = self.attached_mode is not self._mode
-        if not standing and changes and (self._running or (await self._look()).moving):
-            await self._stand_still()
-        return await super()._prepare(standing=standing)
-
-    async def _stand_still(self) -> None:
-        await super()._stand_still()
-        await self._resume()
-
-    async def _resume(self) -> None:
-        if await self.modes.resume():
-            self._enabled = self.other._enabled = True
-
-    async def _carry_out(
-        self,
-        move: Move,
-        target_from: Callable[[Look], int],
-        pace: MotionParameters,
-        send: Callable[[], Awaitable[None]] | None = None,
-        *,
-        once: bool = False,
-    ) -> Look:
-        def target(look: Look) -> int:
-            self._from = look.position
-            return target_from(look)
-
-        async with self._in_turn(move, ControlMode.POSITION_ABSOLUTE):
+    async def _move(self, move: Move, goal: MoveTarget, parameters: MotionParameters) -> float:
+        async with self._in_turn(ControlMode.POSITION_ABSOLUTE):
             # Once more, with what the drive says of itself.
-            pace = self.position_pace(pace.rpm, pace.acceleration)
-            look = await super()._carry_out(move, target, pace, send, once=once)
-            if not look.enabled:
-                # One that restarted on its way to zero counts from zero, too.
-                self._forget()
-                raise self._let_go(await self.driver.sample(), f"{self.name} has ended {move.what} and let go")
-            return look
+            return await super()._move(move, goal, self.position_pace(parameters.rpm, parameters.acceleration))
 
-    async def _carry_out_run(
-        self, move: Move, rpm: float, pace: MotionParameters, duration: float | None, ticks: int | None
-    ) -> None:
-        async with self._in_turn(move, ControlMode.VELOCITY):
-            pace = self._pace(pace.rpm, pace.acceleration)
-            if self._skips:
-                return
-            rpm = math.copysign(pace.rpm, rpm) if rpm else 0.0
-            # How long it may take depends on the speed that it comes from, too.
-            pace = replace(pace, rpm=max(pace.rpm, self.modes.speed(self.side)))
-            try:
-                await super()._carry_out_run(move, rpm, pace, duration, ticks)
-            except (NoReply, DeviceOffline) as error:
-                if self._running:
-                    await self._block("its drive stopped answering while it ran")
-                raise MoveFailed(f"{self.name} stopped answering during {move.what}.") from error
-
-    async def _arrive(self, move: Move, arrived: Callable[[Look], bool]) -> Look:
-        ticks, self._ends_after = self._ends_after, None
-        if ticks is not None:
-            assert move.started_at is not None
-            assert move.acceleration is not None
-            await anyio.sleep(max(0.0, move.started_at + ticks / 1000 - self.bus.now()))
-            try:
-                self._told = (r.TARGET_VELOCITY, 0)
-                await self._act((0.0, move.acceleration), self.modes.run)
-            except RequestFailed:
-                await self._block(f"nobody knows whether it was told to end {move.what}")
-                raise
-        return await super()._arrive(move, arrived)
-
-    async def _took(self, move: Move, before: Look, target: int | None, once: bool) -> bool:
-        together = self._together
-        if target is None:
-            twin, value = self._told
-
-            async def told(values: dict[Side, int]) -> bool:
-                return await self.modes.told(twin, values)
-
-            return await (told({self.side: value}) if together is None else together.meet(self.side, value, told))
-        if together is None:
-            return await super()._took(move, before, target, once)
-        await self._grace()
-        return await together.meet(self.side, (before, target), self._both_took)
-
-    async def _both_took(self, sent: dict[Side, tuple[Look, int]]) -> bool:
-        """The same for both wheels: one start word is for both."""
-        wheels = {wheel.side: wheel for wheel in (self, self.other)}
-        looks = {side: await wheels[side]._look() for side in sent}
-        if any(look.moving for look in looks.values()):
-            return True
-        if all(wheels[side]._near(looks[side].position, target) for side, (_, target) in sent.items()):
-            return True
-        for side, (before, _) in sent.items():
-            wheels[side]._check_reference(looks[side], before)
-        return False
-
-    # Commands
-
-    async def _write_ahead(self, target: int, pace: MotionParameters) -> None:
-        await self._act(Target(target, self._from, round(pace.rpm), pace.ramp_code), self.modes.aim)
-
-    async def _send_start(self, target: int, pace: MotionParameters, slot: BurstSlot | None) -> None:
-        await self._start(None, lambda wheels: self.modes.launch(wheels, slot))
-
-    def start_frame(self, target: int, pace: MotionParameters) -> Request:
-        return self.modes.start_frame([self.side])
-
-    async def _send_run(self, rpm: float, pace: MotionParameters, ticks: int | None) -> None:
-        self._told = (r.TARGET_VELOCITY, round(rpm * self.driver.speed_resolution))
-        self._ends_after = ticks
-        await self._start((rpm, pace.acceleration), self.modes.run)
-
-    async def _send_enable(self, on: bool) -> None:
-        await (self.modes.enable() if on else self.modes.release())
-
-    async def _send_zero(self) -> None:
-        driver = self.driver
-        if (await driver.sample()).status.enabled:
-            # With a position loop closed, a counter that jumps could make the wheel jump. The manual speaks of 0x2005
-            # in position mode; a drive that needs that gets a mode in which the target is a way of nothing.
-            relative = driver.options.zero_in_position_mode
-            mode = ControlMode.POSITION_RELATIVE if relative else ControlMode.VELOCITY
-            await self.modes.enter(mode, Synchrony.ASYNCHRONOUS, self.side)
-        self.zeroings += 1
-        # First the counter, then where absolute targets count from: right whether or not one brings the other along.
-        # Setting a standing wheel to zero twice is setting it once.
-        await driver.write(r.CLEAR_POSITION, ZeroReset(self.side))
-        self.zeroings += 1
-        await driver.write(r.RESET_ZERO, ZeroReset(self.side))
-        nothing = write_together(
-            self.attached.address, (r.CLEAR_POSITION, ZeroReset.NONE), (r.RESET_ZERO, ZeroReset.NONE)
-        )
-        await driver.ask(nothing, motion=self.attached.motion)
-
-    # Enabling
-
-    async def _carry_out_enable(self) -> None:
-        async with self.modes.enabling:
-            self._blocked = self._blocked or self.other._blocked
-            if not self.modes.ready and not self.modes.busy:
-                self.driver.known = False  # it may have been switched off and on
-            unit = self.bus.owner.units[self.attached.address]
-            if not (self._blocked or unit.locked or unit.halt):
-                await self._stop_what_others_began()
-            await super()._carry_out_enable()
-            self.other._blocked = ""
-            self.other._enabled = True
-
-    async def _stop_what_others_began(self) -> None:
-        """A drive that another program left enabled may be moving."""
-        await self._set_up()
-        seen, moving = await self._glance(quick=True)
-        if not seen.status.enabled:
-            self.driver.known = False
-        elif moving and not self.modes.ready and not self.modes.busy:
-            await self._halted(self._halt(emergency=False, motion=self.attached.motion))
-
-    async def _carry_out_disable(self) -> None:
-        async with self._in_turn(None, ControlMode.UNDEFINED):
-            await super()._carry_out_disable()
-        self.other.released()
-
-    async def _carry_out_zero(self) -> None:
-        async with self._in_turn(None, ControlMode.VELOCITY):
-            await super()._carry_out_zero()
+    async def _run(
+        self, move: Move, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None
+    ) -> float:
+        async with self._in_turn(ControlMode.VELOCITY):
+            self._check_speed(parameters.rpm)
+            return await super()._run(move, rpm, parameters, duration, ticks)
 
     async def _push(self, move: Move, milliamperes: int, slope: int | None) -> float:
-        async with self._in_turn(move, ControlMode.TORQUE):
-            before = await self._prepare(standing=False)
-            self._forget()
-            move.state = MoveState.STARTING
-            await self._begin(move, before, None, lambda: self._send_torque(milliamperes, slope))
-            move.state = MoveState.MOVING
-            self._running = True  # with 0 mA it rolls
+        wanted = (milliamperes, slope)
+        async with self._in_turn(ControlMode.TORQUE):
+            await self._executor.push(
+                move, wanted, lambda: plans.push(self._zlac, {self._at: wanted}), self._zlac.push_all, "torque"
+            )
             return await self.position()
 
-    async def _send_torque(self, milliamperes: int, slope: int | None) -> None:
-        self._told = (r.TARGET_TORQUE, milliamperes)
-        await self._start((milliamperes, slope), self.modes.push)
+    async def _enable(self) -> None:
+        # Both are: one after the other.
+        async with self._turns.enabling:
+            stops, others = self._stops, self.other._stops
+            stops.blocked = stops.blocked or others.blocked
+            await self._executor.enable()
+            others.blocked = ""
 
 
-async def _nothing(_: object) -> None:
-    """They only meet."""
+def pair(wheels: tuple[ZlacWheel, ZlacWheel], parts: tuple[Handle[Any], Handle[Any]]) -> Joint:
+    """Have both wheels carry out their parts of a command together."""
+    joint = Joint((0, 1), lambda axis: wheels[axis].drop(parts[axis]))
+    for axis, (wheel, part) in enumerate(zip(wheels, parts, strict=True)):
+        wheel._queue.pair(part, joint)
+        joint.join(axis, part)
+    return joint

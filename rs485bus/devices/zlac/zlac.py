@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Awaitable, Callable
-from typing import Literal, TypeVar
+from collections.abc import Callable
+from typing import Any, Literal, TypeVar
 
 from rs485bus.arguments import flag, pair
 from rs485bus.bus.bus import Bus
@@ -13,26 +12,28 @@ from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.watchdog.guard import WatchdogGuard
+from rs485bus.devices.zlac import plans
 from rs485bus.devices.zlac import registers as r
-from rs485bus.devices.zlac.adapter import ZlacAttached
-from rs485bus.devices.zlac.driver import ZlacDriver, ZlacOptions
-from rs485bus.devices.zlac.frames import MAX_ADDRESS
-from rs485bus.devices.zlac.modes import ZlacModes
-from rs485bus.devices.zlac.parameters import check_parameter, read_parameters, write_parameter
-from rs485bus.devices.zlac.setup import SetUp, ZlacSetup
-from rs485bus.devices.zlac.status import ZlacStatus, read_status
-from rs485bus.devices.zlac.telemetry import Snapshot, StatusWord
-from rs485bus.devices.zlac.together import Both, Together
-from rs485bus.devices.zlac.values import Brake, ShaftState, Side
-from rs485bus.devices.zlac.wheel import ZlacWheel
-from rs485bus.errors import DriveFault, NotSent, RearmRequired, RequestFailed
+from rs485bus.devices.zlac.ability import ZlacOptions
+from rs485bus.devices.zlac.drive import ZlacDrive
+from rs485bus.devices.zlac.frames import MAX_ADDRESS, read
+from rs485bus.devices.zlac.memory import read_words
+from rs485bus.devices.zlac.parameters import check_parameter, set_brakes, write_parameter
+from rs485bus.devices.zlac.setup import ZlacSetup, set_up
+from rs485bus.devices.zlac.status import BLOCKS, ZlacStatus, status_from
+from rs485bus.devices.zlac.telemetry import Snapshot, snapshot
+from rs485bus.devices.zlac.together import Both
+from rs485bus.devices.zlac.values import Brake, Side
+from rs485bus.devices.zlac.wheel import Turns, ZlacWheel
+from rs485bus.devices.zlac.wheel import pair as pair_wheels
 from rs485bus.motion.move import Move
-from rs485bus.wire.frames import unit_address
-from rs485bus.wire.registers import Register
+from rs485bus.motion.plan import Plan, Stand
+from rs485bus.motion.state import Fact
+from rs485bus.motion.supervisor import Supervisor
+from rs485bus.wire.frames import payload, unit_address
+from rs485bus.wire.registers import Block, Register
 
 T = TypeVar("T")
-
-_log = logging.getLogger("rs485bus")
 
 
 class Zlac8015d:
@@ -92,31 +93,28 @@ class Zlac8015d:
         self.bus = bus
         self.address = unit_address(address, highest=MAX_ADDRESS)
         reverses = pair("reverse", reverse, "a pair of True or False: (left, right)")
-        attached = ZlacAttached(
-            self.address,
-            smooth_stop=flag("smooth_stop", smooth_stop),
-            told=self._heard,
-            interrupted=self._was_interrupted,
-            quick_stopped=self._quick_stopped,
-        )
-        self.attached: DeviceAdapter = attached
         options = ZlacOptions(
             max_rpm=max_rpm,
             encoder_lines=encoder_lines,
             speed_resolution=speed_resolution,
             status_word_left=status_word_left,
             ramp_rpm=ramp_rpm,
+            smooth_stop=flag("smooth_stop", smooth_stop),
             scaled_position_speed=scaled_position_speed,
             zero_in_position_mode=zero_in_position_mode,
         )
-        self._driver = ZlacDriver(bus, attached, options, self._restarted)
-        self._modes = ZlacModes(self._driver)
-        self._set_up = SetUp(self._driver)
+        drive = self._drive = ZlacDrive(self.address, options)
+        self.attached: DeviceAdapter = drive
+        self.name = drive.name
+        supervisor = self._supervisor = Supervisor(bus, drive)
+        turns = Turns()
         self.left, self.right = (
             ZlacWheel(
-                self._modes,
-                self._set_up,
+                bus,
+                drive,
                 side,
+                supervisor,
+                turns,
                 units_per_turn=units_per_turn,
                 reverse=reverses[side.index],
                 limits=limits,
@@ -126,13 +124,13 @@ class Zlac8015d:
             )
             for side in Side
         )
-        self.left.other, self.right.other = self.right, self.left
         self._wheels = (self.left, self.right)
+        for wheel, other in ((self.left, self.right), (self.right, self.left)):
+            wheel.stop_with(other)
+        drive.on_interrupted = self._was_interrupted
+        drive.on_recounted = self._recount
         self._runs: list[Both[float]] = []
         """Those that another one may replace."""
-        self._faulty = False
-        """It reports an alarm that is being looked at."""
-        self.name = self._driver.name
         bus.attach(self)
 
     def __repr__(self) -> str:
@@ -149,7 +147,7 @@ class Zlac8015d:
 
     def release(self) -> Both[None]:
         """Let go of both wheels, once what is queued is done and they stand. They can be turned then, and roll away."""
-        return self._once("release", self._let_go, standing=True)
+        return self._once("release", self._let_go)
 
     def clear_faults(self) -> Both[None]:
         """Clear the errors of both wheels. They are released then: `enable()`.
@@ -159,7 +157,11 @@ class Zlac8015d:
         """
         for wheel in self._wheels:
             wheel.forgive()
-        return self._once("clear_faults", self._modes.clear_faults, standing=False)
+        return self._once("clear_faults", lambda: plans.clear_faults(self._drive))
+
+    def clear_fault(self) -> Both[None]:
+        """The same as `clear_faults`, as all families call it."""
+        return self.clear_faults()
 
     def move_to(
         self, left: float, right: float, *, rpm: float | None = None, acceleration: float | None = None
@@ -220,12 +222,9 @@ class Zlac8015d:
     def set_brakes(self, left: Brake, right: Brake) -> Both[None]:
         """Open or close the external brakes, once both wheels stand (3.6). The drive saves it in its EEPROM: a brake
         that works with every stop is better wired to an output (0x201C, 0x201D)."""
-
-        async def write() -> None:
-            await self._driver.write(r.BRAKE.left, left)
-            await self._driver.write(r.BRAKE.right, right)
-
-        return self._once("set_brakes", write, standing=True)
+        for side, brake in ((Side.LEFT, left), (Side.RIGHT, right)):
+            r.BRAKE.of(side).raw(brake)
+        return self._once("set_brakes", lambda: set_brakes(self._drive, left, right))
 
     def set_parameter(self, register: Register[T], value: T, *, save: bool = False) -> Both[None]:
         """Set one of `registers`, once both wheels stand.
@@ -240,10 +239,8 @@ class Zlac8015d:
             LimitExceeded: the value is out of its range.
             NotSupported: the facade sets it itself, or it changes who answers: then `bus.unit()` writes it.
         """
-        check_parameter(self._driver, register, value)
-        return self._once(
-            f"set {register.name}", lambda: write_parameter(self._driver, register, value, save), standing=False
-        )
+        check_parameter(self._drive, register, value)
+        return self._once(f"set {register.name}", lambda: write_parameter(self._drive, register, value, save))
 
     def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:
         """Guard both wheels by the drive's own watchdog while a block runs. As `Bus.watchdog`."""
@@ -253,29 +250,39 @@ class Zlac8015d:
 
     async def set_up(self) -> ZlacSetup:
         """Set the drive up now instead of before the first command, and say what was found."""
-        return await self._set_up()
+        return await self.left.carry(lambda: set_up(self._drive))
 
     async def snapshot(self) -> Snapshot:
         """Counts, speeds, torques, errors and status word of both wheels at one moment, in the drive's own terms."""
-        return await self._driver.sample(Urgency.POLL)
+        answer = await self._supervisor.questions.ask(Fact.FAULT)
+        return snapshot(read_words(answer.request, answer.reply), answer.at)
 
     async def status(self) -> ZlacStatus:
         """What the drive reports. The wheels are of one moment."""
-        await self._set_up()
-        return await read_status(self._driver, self.left, self.right)
+        await self.set_up()
+        return status_from(
+            [await self._read_block(block, Urgency.POLL) for block in BLOCKS],
+            self._drive.options.status_word_left,
+            [wheel.counts_per_turn / wheel.units_per_turn for wheel in self._wheels],
+            [-1 if wheel.reverse else 1 for wheel in self._wheels],
+        )
 
     async def parameter(self, register: Register[T]) -> T:
         """What one of `registers` holds."""
-        return await self._driver.read(register)
+        return register.decode(payload(await self.bus.ask(read(self.address, register))))
 
     async def parameters(self, side: Side) -> dict[str, float]:
         """All parameters of one motor, by name, in their units."""
-        return await read_parameters(self._driver, side)
+        parameters = {}
+        for block in r.PARAMETER_BLOCKS[side]:
+            values = await self._read_block(block)
+            parameters.update({field.name: value for field, value in zip(block.fields, values, strict=True)})
+        return parameters
 
     @property
     def speed_resolution(self) -> int:
-        """Steps to one rpm (0x2022), as far as is known: 1 before it was set up."""
-        return self._driver.speed_resolution
+        """Steps to one rpm (0x2022), as far as is known: what was asked for, or 1, before it was set up."""
+        return self._drive.abilities[0].resolution
 
     async def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel."""
@@ -291,42 +298,35 @@ class Zlac8015d:
         except Exception:
             first.cancel()
             raise
-        both = Both[float](first, second)
-        together = Together(lambda side: self._wheels[side.index].drop((first, second)[side.index]))
-        for wheel, move in zip(self._wheels, (first, second), strict=True):
-            wheel.pair(move, together)
-        return both
+        pair_wheels(self._wheels, (first, second))
+        return Both[float](first, second)
 
     def _replace(self, run: Both[float]) -> None:
-        if self.left.carries_out(run.left) or self.right.carries_out(run.right):
-            for part in (run.left, run.right):
-                self._modes.hurry(part)
+        parts = ((self.left, run.left), (self.right, run.right))
+        if any(wheel.carries_out(part) for wheel, part in parts):
+            for wheel, part in parts:
+                wheel.overtake(part)
         else:
             run.cancel()
 
-    def _once(self, what: str, act: Callable[[], Awaitable[None]], *, standing: bool) -> Both[None]:
-        """Queue something for both wheels that is done once."""
-        parts: list[Handle[None]] = []
-        together = Together(lambda side: self._wheels[side.index].drop(parts[side.index]))
-        parts.append(self.left.order_together(what, together, act, standing))
-        try:
-            parts.append(self.right.order_together(what, together, act, standing))
-        except Exception:
-            self.left.drop(parts[0])
-            raise
+    def _once(self, what: str, plan: Callable[[], Plan[None]]) -> Both[None]:
+        """Queue something for both wheels that is done once, when both have come to it."""
+        self.left.check_ready()
+        self.right.check_ready()
+        parts = self.left.order_once(what, plan), self.right.order_once(what, plan)
+        pair_wheels(self._wheels, parts)
         return Both(*parts)
 
-    async def _let_go(self) -> None:
-        await self._modes.release()
-        for wheel in self._wheels:
-            wheel.released()
+    def _let_go(self) -> Plan[None]:
+        yield Stand(whole=True)
+        yield from plans.release(self._drive, 0, 1)
 
     def _stop(self, emergency: bool) -> Handle[None]:
         handle: Handle[None] = Handle(f"stop of {self.name}", self.bus.unseen)
-        self._modes.doubt(emergency)
         for wheel in self._wheels:
-            wheel.taken_along(f"{self.name} was stopped")
-            wheel.hold(handle)
+            wheel.stopped_as_pair(handle)
+        # Whoever asks for it may know of a motion that is not known here.
+        self._drive.motion.moves()
 
         def told(halted: Halted) -> None:
             if halted.standing:
@@ -335,7 +335,7 @@ class Zlac8015d:
                 left, _ = (wheel.unconfirmed() for wheel in self._wheels)
                 handle.fail(left)
 
-        self.bus.halt(self.attached, self.attached.motion, emergency=emergency, told=told)
+        self.bus.halt(self._drive, self._drive.motion, emergency=emergency, told=told)
         return handle
 
     def abandon(self, why: str) -> None:
@@ -343,51 +343,13 @@ class Zlac8015d:
         for wheel in self._wheels:
             wheel.abandon(why)
 
-    def _heard(self, word: StatusWord) -> None:
-        """The answer to a feed: a wheel stands, perhaps earlier than it should."""
-        if not word.running or word.either(ShaftState.ALARM) or word.either(ShaftState.EMERGENCY_STOP):
-            for wheel in self._wheels:
-                wheel.told_standing()
-        if word.either(ShaftState.ALARM) and self._keeps_speed and not self._faulty:
-            self._faulty = True
-            self.bus.spawn(self._stop_for_fault(), f"rs485bus {self.name} fault")
-
-    @property
-    def _keeps_speed(self) -> bool:
-        """Whether a wheel goes on turning though nobody waits for it who could notice a fault."""
-        stopping = self.bus.owner.units[self.address].halt is not None
-        return not stopping and any(self._modes.keeps(side) for side in Side)
-
-    async def _stop_for_fault(self) -> None:
-        """Stop what keeps a speed though the other wheel has failed."""
-        try:
-            seen = await self._driver.sample()
-            if self._keeps_speed:
-                self.left.check_faults(seen)
-        except DriveFault as fault:
-            for wheel in self._wheels:
-                wheel.interrupted(fault)
-        except RequestFailed as error:
-            _log.warning("%s reports an alarm and does not say which: %s", self.name, error)
-            self.emergency_stop()
-        finally:
-            self._faulty = False
+    async def _read_block(self, block: Block, urgency: Urgency = Urgency.COMMAND) -> tuple[Any, ...]:
+        return block.decode(payload(await self.bus.ask(read(self.address, block), urgency=urgency)))
 
     def _was_interrupted(self, unheard: float, reason: str) -> None:
-        self._driver.known = self._modes.ready = False
-        locked = self.bus.owner.units[self.address].locked
         for wheel in self._wheels:
-            wheel.interrupted(
-                RearmRequired(f"{wheel.name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable().")
-                if locked
-                else NotSent(f"{wheel.name}: {reason}. It is stopped as soon as the port is there again.")
-            )
+            wheel.was_interrupted(unheard, reason)
 
-    def _quick_stopped(self, emergency: bool) -> None:
-        self._modes.quick_stopped(emergency, any(wheel.enabled for wheel in self._wheels))
+    def _recount(self) -> None:
         for wheel in self._wheels:
-            wheel.disabled()
-
-    def _restarted(self) -> None:
-        for wheel in self._wheels:
-            wheel.restarted()
+            wheel.recount()

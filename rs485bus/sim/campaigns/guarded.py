@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.watchdog.arming import Armed, Arming, admit_watchdogs
 from rs485bus.devices.mks.drive import MksDrive
-from rs485bus.devices.zlac.adapter import ZlacAttached
+from rs485bus.devices.zlac.drive import ZlacDrive
 from rs485bus.errors import WatchdogInfeasible
 from rs485bus.sim.device import SimDevice
 from rs485bus.sim.mks import SimMks
@@ -32,7 +31,7 @@ class Drive:
 
     def __init__(self, address: int, turnaround: float) -> None:
         self.sim: SimDevice
-        self.adapter: DeviceAdapter
+        adapter: MksDrive | ZlacDrive
         self.turnaround = turnaround
         self.now: Callable[[], float] = lambda: 0.0
         self.told: list[tuple[float, str]] = []
@@ -42,19 +41,11 @@ class Drive:
         """The longest time for which it was unheard, in seconds."""
         self.heard_at: float | None = None
         if address % 2:
-            self.sim = SimMks(address)
-            adapter = MksDrive(address)
-            adapter.on_interrupted = self._interrupted
-            self.adapter = adapter
+            self.sim, adapter = SimMks(address), MksDrive(address)
         else:
-            self.sim = SimZlac(address, watchdog=0)
-            self.adapter = ZlacAttached(
-                address,
-                smooth_stop=False,
-                told=lambda word: None,
-                interrupted=self._interrupted,
-                quick_stopped=lambda meant: None,
-            )
+            self.sim, adapter = SimZlac(address, watchdog=0), ZlacDrive(address)
+        adapter.on_interrupted = self._interrupted
+        self.adapter = adapter
         self._receive = self.sim.receive
         self.sim.receive = self.receive  # type: ignore[method-assign] # this drive stands between
 

@@ -160,10 +160,12 @@ async def test_slowing_down_a_little_leaves_a_ramp_that_fits_the_next_stop() -> 
 @on_virtual_clock
 async def test_speeds_are_told_in_the_steps_that_the_drive_takes() -> None:
     async with plant(speed_resolution=10) as p:
-        await p.base.run(12.34, -0.26)
+        await p.base.run(12.34, -0.31)
         assert p.sim.value(r.TARGET_VELOCITY.left) == 123
         assert p.sim.value(r.TARGET_VELOCITY.right) == -3
         assert p.rpm() == pytest.approx((12.3, -0.3), abs=2)
+        with pytest.raises(LimitExceeded, match=r"0\.3 rpm is the nearest"):
+            p.base.left.run(0.26)
 
 
 @pytest.mark.parametrize(("scaled", "told"), [(False, 50), (True, 500)])
@@ -178,7 +180,7 @@ async def test_whether_the_resolution_scales_the_speed_of_positions_is_an_option
 @on_virtual_clock
 async def test_a_position_is_not_gone_to_faster_than_its_register_says() -> None:
     async with plant(max_rpm=3000) as p:
-        p.base.left.driver.speed_limit = 3000.0  # a drive that allows more than the manual says
+        p.base._drive.abilities[0].speed_limit = 3000.0  # a drive that allows more than the manual says
         with pytest.raises(LimitExceeded, match="1000 rpm for a position"):
             await p.base.left.move_to(1.0, rpm=1500)
 

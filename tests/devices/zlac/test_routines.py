@@ -189,6 +189,7 @@ async def test_the_facade_says_the_velocity_routine() -> None:
         assert p.sim.writes(begun) == [
             "1020800004" + "08" + "03E8" * 4,
             body("01 10 20 88 00 02 04 00 64 00 64 23 9C"),
+            "1020800004" + "08" + "07D0" * 4,  # the change of speed is twice as great
             body("01 10 20 88 00 02 04 FF 9C FF 9C D2 0B"),
         ]
         await p.base.left.run(100)

@@ -62,7 +62,7 @@ async def test_a_speed_resolution_that_was_asked_for_is_written_if_it_is_another
         assert p.sim.value(r.SPEED_RESOLUTION) == 10
         assert p.base.speed_resolution == 10
         begun = len(p.sim.asked)
-        p.base.left.driver.known = False
+        p.base._drive.setup = None
         await p.base.set_up()
         assert not [write for write in p.sim.writes(begun) if write.startswith("062022")]
 

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from rs485bus.devices.zlac import registers as r
-from rs485bus.devices.zlac.telemetry import StatusWord, Stillness, WheelMotion
+from rs485bus.devices.zlac.telemetry import StatusWord
 from rs485bus.devices.zlac.values import Brake, Fault, Inputs, Outputs, ShaftState, Side
 from rs485bus.errors import LimitExceeded, NotSupported
 from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
@@ -26,17 +26,6 @@ def test_a_status_word_is_read_both_ways() -> None:
 def test_a_drive_is_enabled_only_if_both_halves_say_so(word: int) -> None:
     assert StatusWord(0x4040).enabled
     assert not StatusWord(word).enabled
-
-
-def test_a_wheel_stands_when_its_position_stays_whatever_else_is_said() -> None:
-    still = Stillness(quiet=0.04, contradicted=0.2)
-    assert still.see(0.00, WheelMotion(100, 0.0, 0), running=False) is None
-    assert still.see(0.03, WheelMotion(101, 0.1, 0), running=False) is None
-    assert still.see(0.05, WheelMotion(100, 0.0, 0), running=False) is True
-    assert still.see(0.10, WheelMotion(100, 0.0, 0), running=True) is None
-    assert still.see(0.21, WheelMotion(100, 0.0, 0), running=True) is True
-    assert still.see(0.23, WheelMotion(110, 0.0, 0), running=False) is False
-    assert still.see(0.40, WheelMotion(110, 5.0, 0), running=False) is False
 
 
 @on_virtual_clock
@@ -143,7 +132,7 @@ async def test_nobody_is_told_what_was_asked_before_his_own_command() -> None:
         p.sim.lose_reply("0320A2000D")
         early = asyncio.ensure_future(p.base.snapshot())
         await asyncio.sleep(0.001)
-        await p.base.left.driver.write(r.CAN_NODE_ID, 2)
+        await p.bus.unit(1).write_register(r.CAN_NODE_ID.address, 2)
         changed = p.now
         late = await p.base.snapshot()
         assert (await early).at < changed <= late.at

@@ -272,7 +272,7 @@ async def test_a_stop_stops_what_moves_for_somebody_else_at_once(whose: str) -> 
         await p.base.set_up()
         for frame in ("06200F0001", "06200D0001", "06200E0008", "10208A000408" + "00100000" * 2, "06200E0010"):
             p.sim.answer(bytes.fromhex(frame), p.now, broadcast=False)
-        p.base.left.driver.known = False
+        p.base._drive.setup = None
         await p.base.set_up()
         await asyncio.sleep(1.0)
         began = p.now

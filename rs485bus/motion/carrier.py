@@ -51,6 +51,7 @@ from rs485bus.motion.plan import (
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import SILENT, Supervisor
+from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
 
@@ -320,7 +321,8 @@ class PlanCarrier:
             each.begun, each.move.started_at = True, began
         motion = self._state.motion if not task.partners else self._drive.motion
         # One that turns is not left alone for longer than any that turns: a drive that does not answer is stopped.
-        timeout = max(1.0, SILENT * self._supervisor.interval) if any(each.before for _, each in everybody) else None
+        patience = max(1.0, SILENT * self._supervisor.interval)
+        timeout = patience if step.repeat is Repeat.SAFE and any(each.before for _, each in everybody) else None
         try:
             return await self._bus.ask(
                 step.request, repeat=step.repeat, moves=True, motion=motion, slot=task.slot, timeout=timeout
@@ -357,7 +359,8 @@ class PlanCarrier:
         state = self._state
         speed = () if task.rpm is None else (Fact.SPEED,)
         await anyio.sleep(max(0.0, state.motion.commanded_at + self._drive.start_grace - self._bus.now()))
-        patience = self._bus.now() + (0.0 if task.before else _PATIENCE)
+        # What may be repeated was repeated meanwhile.
+        patience = self._bus.now() + (0.0 if task.before and step.repeat is Repeat.SAFE else _PATIENCE)
         while True:
             try:
                 facts = (*self._drive.marks(self._axis), *step.signs, *speed)

@@ -80,6 +80,10 @@ class Pacing(Protocol):
             reported: it was said that it could not be seen standing.
         """
 
+    @property
+    def heard_at(self) -> float:
+        """When it was heard last."""
+
     def is_noisy(self, now: float) -> bool:
         """Whether the pair is: what is not acknowledged there was not heard, and every gap counts."""
 
@@ -211,9 +215,13 @@ class Halt:
                 self.give_up()
             if self.told is not None:
                 until = pacing.next_at(self._now, self._sent_at, self._acknowledged)
-                while self._now < until and order == self._orders and not self._over:
+                while self._now < until and order == self._orders and not (self._over or self._is_back(pacing)):
                     self._now = yield min(until, self._now + _ORDERS_EVERY)
         return False
+
+    def _is_back(self, pacing: Pacing) -> bool:
+        """Whether it was heard again since a stop that it did not acknowledge: it is not left moving."""
+        return not self._acknowledged and pacing.heard_at > self._sent_at
 
     @property
     def _is_hard(self) -> bool:

@@ -47,6 +47,10 @@ class StopPacing:
             return None
         return min(unit.reply_timeout, _BRIEFEST if reported else _BRIEF)
 
+    @property
+    def heard_at(self) -> float:
+        return self._unit.heard_at
+
     def is_noisy(self, now: float) -> bool:
         return self._pair.was_noisy(now)
 

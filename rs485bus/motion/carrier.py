@@ -358,7 +358,8 @@ class PlanCarrier:
         """Ask for all that shows whether a start was taken, once it has had its time to show."""
         state = self._state
         speed = () if task.rpm is None else (Fact.SPEED,)
-        await anyio.sleep(max(0.0, state.motion.commanded_at + self._drive.start_grace - self._bus.now()))
+        shows_at = state.motion.commanded_at + self._drive.start_grace + step.shows_after
+        await anyio.sleep(max(0.0, shows_at - self._bus.now()))
         # What may be repeated was repeated meanwhile.
         patience = self._bus.now() + (0.0 if task.before and step.repeat is Repeat.SAFE else _PATIENCE)
         while True:

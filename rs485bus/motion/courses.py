@@ -198,6 +198,7 @@ class MoveCourse(Course):
         self._furthest = 0.0
         """How far it has gone, in counts."""
         self._counts_per_turn = counts_per_turn
+        self.begun_at += state.rule.shows_after(profile.up / 60 * counts_per_turn)
         self.change(target, started_at + profile.duration, profile)
 
     def change(self, target: int, eta: float, profile: Profile | None) -> None:

@@ -111,6 +111,8 @@ class Start:
     repeat: Repeat = Repeat.VERIFY
     once: bool = False
     """Said twice it would move the axis twice."""
+    shows_after: float = 0.0
+    """Seconds, beside the drive's own, after which it can be seen to move."""
     signs: tuple[Fact, ...] = ()
     """What else shows whether it was taken."""
     taken: Callable[[], bool] | None = None

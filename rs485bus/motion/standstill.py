@@ -27,6 +27,10 @@ class StandstillRule:
     wraps: int = 0
     """The counter begins again after so many counts; 0 if it never does."""
 
+    def shows_after(self, acceleration: float) -> float:
+        """Seconds after its start at which an axis no longer seems to stand that gets faster by so many counts/s²."""
+        return (self.same + 1) / self.contradicted / acceleration if self.contradicted else 0.0
+
     def moved(self, before: int, after: int) -> int:
         """The counts from one position to another."""
         counts = after - before

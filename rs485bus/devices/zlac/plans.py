@@ -167,7 +167,11 @@ def move(drive: ZlacDrive, wanted: Mapping[int, tuple[int, MotionParameters]]) -
         counts = {axis: target - starts[axis] for axis, target in counts.items()}
     yield Ask(_targets(drive, r.TARGET_POSITION, counts))
     stopping = max(parameters.rpm / parameters.acceleration for _, parameters in wanted.values())
-    yield Start(drive.start_word(wanted), None, stopping, once=relative)
+    shows_after = max(
+        drive.state.axes[axis].rule.shows_after(parameters.acceleration / 60 * drive.abilities[axis].counts_per_turn)
+        for axis, (_, parameters) in wanted.items()
+    )
+    yield Start(drive.start_word(wanted), None, stopping, once=relative, shows_after=shows_after)
 
 
 def run(drive: ZlacDrive, wanted: Mapping[int, tuple[float, MotionParameters]]) -> Plan[None]:

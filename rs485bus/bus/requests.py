@@ -85,8 +85,8 @@ class Requests:
         attached = unit.attached
         if is_broadcast(request):
             options["moves"], options["motion"] = True, moved_by(request, owner.units.devices, family)
-        elif options.get("moves") and options.get("motion") is None:
-            options["motion"] = None if attached is None else attached.motion
+        elif options.get("moves") and options.get("motion") is None and attached is not None:
+            options["motion"], options["moves"] = attached.motion, attached.may_be_moved_by(request)
         ended = loop.create_future()
         expires_at = None if timeout in (None, math.inf) else loop.time() + timeout
         job = Job(request, expires_at=expires_at, on_end=lambda _: settle(ended, None), **options)

@@ -33,6 +33,7 @@ from rs485bus.errors import (
 from rs485bus.motion.courses import is_speed
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
+from rs485bus.motion.look_budget import SILENT
 from rs485bus.motion.move import Move
 from rs485bus.motion.plan import (
     AnswersAgain,
@@ -50,7 +51,7 @@ from rs485bus.motion.plan import (
 )
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
-from rs485bus.motion.supervisor import SILENT, Supervisor
+from rs485bus.motion.supervisor import Supervisor
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")

@@ -23,9 +23,9 @@ from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.diagnosis import diagnose, wanted
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
+from rs485bus.motion.knowledge import Questions
 from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget
 from rs485bus.motion.other_courses import ForeignCourse
-from rs485bus.motion.knowledge import Questions
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
 from rs485bus.wire.frames import Request

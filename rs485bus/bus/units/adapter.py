@@ -126,6 +126,10 @@ class DeviceAdapter(ABC):
     def hears(self, request: Request) -> bool:
         """Whether it would act on this request if it were broadcast."""
 
+    def may_be_moved_by(self, request: Request) -> bool:
+        """Whether a write, whoever makes it, may set it in motion. Asked where that is not known otherwise."""
+        return True
+
     def does_nothing(self, request: Request, code: int) -> bool:
         """Whether it has done nothing when it answers a write by this exception.
 

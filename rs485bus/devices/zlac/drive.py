@@ -314,6 +314,10 @@ class ZlacDrive(Drive):
         held = [self.memory.value(twin.of(side)) or 0 for twin in times for side in Side]
         return max(held) / 1000 + _STOP_TAKES
 
+    def may_be_moved_by(self, request: Request) -> bool:
+        known = all(address in r.BY_ADDRESS for address in written_words(request))
+        return not known or any(effect.changes & MOTION for effect in self.effects(request))
+
     def interrupted(self, unheard: float, reason: str) -> None:
         self.forget()
         self.setup = None

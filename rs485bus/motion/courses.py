@@ -172,6 +172,7 @@ class MoveCourse(Course):
         profile: how it goes.
         counts_per_turn: of the axis.
         proof: what must be asked before it counts as arrived, because a restart could look like that.
+        late: seconds after its start was sent within which the drive had answered that.
         others as for `Course`.
     """
 
@@ -188,6 +189,7 @@ class MoveCourse(Course):
         profile: Profile,
         counts_per_turn: int,
         proof: tuple[Fact, ...] = (),
+        late: float = 0.0,
     ) -> None:
         super().__init__(what, state, started_at, grace)
         self.start = start
@@ -199,7 +201,7 @@ class MoveCourse(Course):
         """How far it has gone, in counts."""
         self._counts_per_turn = counts_per_turn
         self.begun_at += state.rule.shows_after(profile.up / 60 * counts_per_turn)
-        self.change(target, started_at + profile.duration, profile)
+        self.change(target, started_at + late + profile.duration, profile)
 
     def change(self, target: int, eta: float, profile: Profile | None) -> None:
         """It goes elsewhere now, and should be there at a time; by no known profile, perhaps."""

@@ -42,6 +42,8 @@ from rs485bus.motion.supervisor import Supervisor, Told
 
 _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""
+_LATE = 0.02
+"""Seconds after its start was sent in which a drive can begin to move, at most."""
 _WAY, _WAY_TIME = 0.05, 0.1
 """By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""
 
@@ -175,6 +177,7 @@ class MoveExecutor:
             self._drive.move_all,
         )
         assert move.started_at is not None
+        late = min(self._bus.now() - move.started_at, _LATE)
         course = MoveCourse(
             self._short(move),
             self._state,
@@ -186,11 +189,12 @@ class MoveExecutor:
             profile=profile,
             counts_per_turn=ability.counts_per_turn,
             # Where a drive counts from after a restart, it could have restarted instead of arriving.
+            late=late,
             proof=self._drive.marks(self._axis) if abs(target) <= self._state.jump else (),
         )
         if isinstance(move, GroupMemberMove):
             course.interval = _WATCH
-        move.eta = course.eta
+        move.eta = move.started_at + profile.duration
         self.changeable = move if plan is None else None
         try:
             await self._see_it_end(move, course)

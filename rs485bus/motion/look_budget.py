@@ -15,6 +15,8 @@ LONGEST = 1.0
 """Seconds to which the interval is stretched at most."""
 SILENT = 4
 """Intervals without a usable answer after which an axis that may move is stopped."""
+_LOOKS = 1 + 1 / SILENT
+"""Looks in an interval: the telling one, and now and then another."""
 _FOREVER = float("inf")
 
 
@@ -46,7 +48,7 @@ class LookBudget:
     def check(self, looks: object, takes: float, name: str) -> None:
         """Raise `LimitExceeded` where a further drive may not move, for it could not be looked at often enough."""
         others = {other: its for other, its in self._takes.items() if other is not looks}
-        needed = (sum(others.values()) + takes) / SHARE
+        needed = _LOOKS * (sum(others.values()) + takes) / SHARE
         longest = max(LONGEST, self._supervision)
         if needed > longest:
             raise LimitExceeded(
@@ -63,7 +65,7 @@ class LookBudget:
     @property
     def shortest(self) -> float:
         """The shortest interval for which there is room, in seconds."""
-        return sum(self._takes.values()) / SHARE
+        return _LOOKS * sum(self._takes.values()) / SHARE
 
     @property
     def interval(self) -> float:

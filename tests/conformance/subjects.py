@@ -39,6 +39,7 @@ class Subject:
     restarts: Callable[[Any, float], None]
     watchdog: bool
     homes: bool
+    streams: bool = True
 
     def __str__(self) -> str:
         return self.name
@@ -75,6 +76,7 @@ SUBJECTS = (
         restarts=lambda sim, at: sim.power_cycle(at),
         watchdog=True,
         homes=False,
+        streams=False,
     ),
     Subject(
         name="made up",
@@ -87,7 +89,7 @@ SUBJECTS = (
         homes=True,
     ),
 )
-EACH = pytest.mark.parametrize("subject", [subject for subject in SUBJECTS if subject.name != "ZLAC"], ids=str)
+EACH = pytest.mark.parametrize("subject", SUBJECTS, ids=str)
 
 
 class Rig:

@@ -28,9 +28,11 @@ from rs485bus.devices.zlac.odometry import Pose
 from rs485bus.devices.zlac.setup import ZlacSetup
 from rs485bus.devices.zlac.status import ZlacStatus
 from rs485bus.devices.zlac.telemetry import Snapshot
-from rs485bus.devices.zlac.values import Brake, ControlMode, Side
+from rs485bus.devices.zlac.values import Brake, Side
 from rs485bus.motion.events import Event
+from rs485bus.motion.joint import Part
 from rs485bus.motion.move import MoveState
+from rs485bus.motion.plan import Plan
 from rs485bus.motion.sample import AxisSample
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
@@ -42,6 +44,9 @@ from typing import Any, Generic, Unpack
 A = TypeVar("A")
 B = TypeVar("B")
 C = TypeVar("C")
+K = TypeVar("K")
+P = TypeVar("P")
+R = TypeVar("R")
 T = TypeVar("T")
 _V = TypeVar("_V", covariant=True)
 
@@ -186,7 +191,10 @@ class Axis:
             LimitExceeded, TypeError: one of them is out of its range, or no number.
         """
         ...
-    tolerance: int
+    @property
+    def tolerance(self) -> int:
+        """Counts of the drive by which it may differ from its target when it has arrived."""
+        ...
     def velocity(self) -> float:
         """How fast the motor turns, in rpm."""
         ...
@@ -265,6 +273,16 @@ class AxisGroup:
             NotSupported: one of them cannot be told speeds in a stream.
             LimitExceeded, TypeError: an argument is out of its range, or no number.
         """
+        ...
+
+class Barrier(Generic[K]):
+    """A meeting, as often as they come to it.
+
+    Args:
+        members: who must come.
+    """
+    def meet(self, who: K, part: P, act: Callable[[dict[K, P]], R]) -> R:
+        """Wait for the others' parts and have all of them acted on, once. All get what comes of it."""
         ...
 
 class Both(Generic[T]):
@@ -535,34 +553,6 @@ class Cancellable(Handle[T]):
     def __enter__(self) -> Self: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
 
-class Halting:
-    """One axis, as it is stopped. The owner does that, whatever becomes of who asked for it.
-
-    Args:
-        bus: the bus its drive is on.
-        attached: its drive, as the bus knows it.
-        motion: what of the drive it is.
-        name: the axis, in messages.
-    """
-    bus: Bus
-    name: str
-
-class Travel(Halting):
-    """One axis, as it is looked at. Arguments as for `Conduct`."""
-    counts_per_turn: float
-    tolerance: int
-
-class Conduct(Travel):
-    """One axis, as moves are carried out on it.
-
-    Args:
-        bus: the bus its drive is on.
-        attached: its drive, as the bus knows it.
-        motion: what of the drive it is.
-        name: the axis, in messages.
-        tolerance: counts by which a position may differ from another that is to be the same.
-    """
-
 class DataFunctions:
     """What reads and writes a device's data."""
     address: int
@@ -760,106 +750,6 @@ class DifferentialDrive:
         """
         ...
 
-class FormerAxis(Conduct):
-    """One motor.
-
-    Args:
-        bus: the bus its drive is on.
-        attached: its drive, as the bus knows it.
-        motion: what of the drive it is.
-        name: the axis, in messages.
-        units_per_turn: positions are in units of this many to a turn of the motor; 1 for turns.
-        reverse: whether positive is the other way round.
-        limits: lowest and highest position that may be gone to, in units; None for no limit.
-        rpm: the speed of moves that name none.
-        acceleration: the acceleration of moves that name none, in rpm/s.
-        tolerance: counts of the drive by which a position may differ from another that is to be the same.
-
-    Raises:
-        LimitExceeded, ValueError: an argument is out of its range.
-        TypeError: one is of a wrong type.
-    """
-    units_per_turn: float
-    reverse: bool
-    limits: tuple[float, float] | None
-    rpm: float
-    acceleration: float
-    def disable(self) -> Handle[None]:
-        """Let go of the shaft, once what is queued before it is done and the motor stands. It can then be turned."""
-        ...
-    def drain(self) -> None:
-        """Wait until nothing is queued or on its way to a target."""
-        ...
-    def emergency_stop(self) -> Handle[None]:
-        """Stop as fast as the drive can, see that it stands, and drop what is queued."""
-        ...
-    def enable(self) -> Handle[None]:
-        """Energise the motor, so that it holds its position and takes moves.
-
-        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
-        """
-        ...
-    def idle(self) -> bool:
-        """Whether nothing is queued and the motor stands."""
-        ...
-    def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
-        """Go a distance: from the target of the last move if that was reached, else from where the axis stands.
-
-        It is sent as an absolute target, so that it happens once, however often it must be said. Arguments and errors
-        as for `move_to`.
-        """
-        ...
-    def move_to(self, position: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
-        """Go to a position.
-
-        Args:
-            position: in the axis' units.
-            rpm: the speed, above 0.
-            acceleration: in rpm/s; infinity for a jump.
-
-        Raises:
-            LimitExceeded: one of them is out of its range; nothing is queued.
-            TypeError: one of them is no number; nothing is queued.
-        """
-        ...
-    def position(self) -> float:
-        """Where the axis is, in its units."""
-        ...
-    def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None) -> Move:
-        """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
-
-        Args:
-            rpm: the speed; its sign is the direction, and 0 slows down to a stand.
-            acceleration: in rpm/s; infinity for a jump.
-            duration: seconds; None to go on until told otherwise.
-
-        Raises:
-            LimitExceeded: one of them is out of its range; nothing is queued.
-            TypeError: one of them is no number; nothing is queued.
-        """
-        ...
-    def set_zero(self) -> Handle[None]:
-        """Make the position at which the axis then stands its zero."""
-        ...
-    def stop(self) -> Handle[None]:
-        """Stop with the ramp of the running move, see that it stands, and drop what is queued.
-
-        It happens at once, whether the handle is awaited or not, and is repeated until it is confirmed by reading. A
-        repetition is the same stop. An emergency stop follows where the drive acknowledged it and does not stand after
-        one and a half times its stopping time, or where it acknowledged neither of two.
-
-        Raises:
-            StopUnconfirmed: when it is awaited: the axis could not be seen standing after three stops, or while the
-                port was away. It is stopped further on.
-        """
-        ...
-    def velocity(self) -> float:
-        """How fast the motor turns, in rpm."""
-        ...
-    def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:
-        """Guard the axis by its drive's own watchdog while a block runs. As `Bus.watchdog`."""
-        ...
-
 class GroupMove(Cancellable[dict[str, float]]):
     """A move of several axes. Awaiting it gives the position that each has reached, by name, in its units.
 
@@ -969,48 +859,6 @@ class HandleOfSeveral(Generic[T]):
         """
         ...
 
-class HubMotor(FormerAxis):
-    """One motor, as `ZlacWheel` without its commands.
-
-    Args:
-        modes: what it shares with the other motor.
-        set_up: sets the drive up.
-        side: which one it is.
-    """
-    other: HubMotor
-    side: Side
-    zeroings: int
-    counts_per_turn: float
-    @property
-    def attached_mode(self) -> ControlMode | None:
-        """The mode the drive is in, if that is known."""
-        ...
-    def check_faults(self, seen: Snapshot) -> None:
-        """Stop both wheels for an error of either. Raises `DriveFault`."""
-        ...
-    def disabled(self) -> None:
-        """The drive was stopped so that it is enabled no more."""
-        ...
-    def drain(self) -> None:
-        """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
-        ...
-    @property
-    def enabled(self) -> bool:
-        """Whether it is enabled, as far as is known."""
-        ...
-    def idle(self) -> bool:
-        """Whether nothing is queued and the wheel stands."""
-        ...
-    def restarted(self) -> None:
-        """The drive was seen to have restarted."""
-        ...
-    def stopped(self) -> None:
-        """The drive is stopped."""
-        ...
-    def velocity(self) -> float:
-        """How fast the wheel turns, in rpm, in steps of 0.1. Some firmware reports it in velocity mode only."""
-        ...
-
 class Table(Generic[T]):
     """Entries that are set (`table[3] = entry`) and asked for (`await table[3]`) by index.
 
@@ -1053,6 +901,23 @@ class Inputs(Table[DiFunction]):
         ...
     def states(self) -> tuple[bool, ...]:
         """Which are on."""
+        ...
+
+class Joint(Barrier[int]):
+    """Some axes of a drive, by their numbers.
+
+    Args:
+        axes: which ones.
+        drop: ends an axis' part of the command, because another one's failed.
+    """
+    def gather(self, axis: int) -> None:
+        """Wait until all have come to it, in their queues."""
+        ...
+    def once(self, axis: int, act: Callable[[], None]) -> None:
+        """Have something done once, as soon as all have come to it."""
+        ...
+    def set_off(self, axis: int, part: Part) -> None:
+        """Have the axes set in motion by one plan, as soon as all are ready for it."""
         ...
 
 class MksSetup(Axis):
@@ -1756,10 +1621,13 @@ class Zlac8015d:
     """
     bus: Bus
     address: int
+    name: str
     left: ZlacWheel
     right: ZlacWheel
-    name: str
     def __init__(self, bus: Bus, address: int, *, units_per_turn: float = 1.0, reverse: tuple[bool, bool] = ..., limits: tuple[float, float] | None = None, rpm: float = 60.0, acceleration: float = 120.0, max_rpm: float = 1000.0, tolerance: int = 16, encoder_lines: int | None = None, speed_resolution: int | None = None, status_word_left: Literal['low', 'high'] = 'low', ramp_rpm: float | None = None, smooth_stop: bool = False, scaled_position_speed: bool = False, zero_in_position_mode: bool = False) -> None:
+        ...
+    def clear_fault(self) -> Both[None]:
+        """The same as `clear_faults`, as all families call it."""
         ...
     def clear_faults(self) -> Both[None]:
         """Clear the errors of both wheels. They are released then: `enable()`.
@@ -1837,7 +1705,7 @@ class Zlac8015d:
         ...
     @property
     def speed_resolution(self) -> int:
-        """Steps to one rpm (0x2022), as far as is known: 1 before it was set up."""
+        """Steps to one rpm (0x2022), as far as is known: what was asked for, or 1, before it was set up."""
         ...
     def status(self) -> ZlacStatus:
         """What the drive reports. The wheels are of one moment."""
@@ -1852,7 +1720,7 @@ class Zlac8015d:
         """Guard both wheels by the drive's own watchdog while a block runs. As `Bus.watchdog`."""
         ...
 
-class ZlacWheel(HubMotor):
+class ZlacWheel(Axis):
     """One wheel. Made by `Zlac8015d`, as its `left` and its `right`.
 
     A `move_by` beyond what an absolute target may be (0x3FFFFFFF counts either way) is sent as a distance, which may be
@@ -1863,6 +1731,39 @@ class ZlacWheel(HubMotor):
     The drive does not time a `run`: the end of its duration is told when it has come, so that the wheel goes on turning
     if this program ends before, unless a watchdog guards it.
     """
+    other: ZlacWheel
+    side: Side
+    def carry(self, plan: Callable[[], Plan[T]]) -> T:
+        """Carry out a plan that concerns both wheels, and sets nothing in motion."""
+        ...
+    def drain(self) -> None:
+        """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
+        ...
+    def enable(self) -> Handle[None]:
+        """Hold both wheels, so that they take commands. Nothing that they were told before goes on.
+
+        After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
+        """
+        ...
+    @property
+    def joint(self) -> Joint | None:
+        """With whom it carries out the present command."""
+        ...
+    def order_once(self, what: str, plan: Callable[[], Plan[None]]) -> Handle[None]:
+        """Queue something that is done once for both wheels."""
+        ...
+    def overtake(self, run: Handle[Any]) -> None:
+        """Do not wait for the speed of a run: another one follows."""
+        ...
+    def recount(self) -> None:
+        """It is known how the drive counts."""
+        ...
+    def stop_with(self, other: ZlacWheel) -> None:
+        """The other wheel, which stops of this one may stop, too."""
+        ...
+    def stopped_as_pair(self, stop: Handle[None]) -> None:
+        """Both wheels are being stopped."""
+        ...
     def torque(self, milliamperes: int, *, slope: int | None = None) -> Move:
         """Push with a torque, given as a current, until told otherwise. Done once the drive was told.
 
@@ -1875,4 +1776,7 @@ class ZlacWheel(HubMotor):
         Raises:
             LimitExceeded: one of them is out of its range; nothing is queued.
         """
+        ...
+    def was_interrupted(self, unheard: float, reason: str) -> None:
+        """The bus stopped the drive for safety, or lost it."""
         ...

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Collection, Hashable
+from collections.abc import Awaitable, Callable, Collection
 from typing import Any, Generic, TypeVar
 
 from rs485bus.bus.handle import settle
 
-K = TypeVar("K", bound=Hashable)
+K = TypeVar("K")
 P = TypeVar("P")
 R = TypeVar("R")
 

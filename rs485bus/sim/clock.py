@@ -59,6 +59,13 @@ class VirtualClockLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         return self._jumping.now
 
+    async def shutdown_default_executor(self, timeout: float | None = None) -> None:
+        """Wait for the loop's threads in real time: their end is no event of the virtual one."""
+        self._executor_shutdown_called = True
+        executor = self._default_executor  # type: ignore[attr-defined]
+        if executor is not None:
+            executor.shutdown(wait=True)
+
     def hold(self, held: Callable[[], bool]) -> None:
         """No time passes while `held` says so, and nothing happens: until another thread calls into the loop."""
         self._jumping.held = held

@@ -7,6 +7,7 @@ It needs the extra `service` (aiomqtt).
 """
 
 from rs485bus.remote.axis import RemoteAxis, RemoteGroup, RemoteVehicle
+from rs485bus.remote.formation import Formation, FormationMove
 from rs485bus.remote.handles import RemoteMove
 from rs485bus.remote.plant import RemotePlant, connect
 from rs485bus.remote.stream import RemoteStream
@@ -14,6 +15,8 @@ from rs485bus.service.broker import Broker
 
 __all__ = [
     "Broker",
+    "Formation",
+    "FormationMove",
     "RemoteAxis",
     "RemoteGroup",
     "RemoteMove",

@@ -98,6 +98,14 @@ class RemotePlant:
         """
         await self._control.take(names or self.axes)
 
+    async def cover(self, *names: str) -> None:
+        """Command these axes besides others. Raises as a verb of theirs would."""
+        await self._control.cover(names)
+
+    def clock_offset(self) -> tuple[float, float]:
+        """How far the service's clock is ahead of this event loop's, in seconds; and by how much that may be wrong."""
+        return self._session.clock.offset(asyncio.get_running_loop().time())
+
     async def release_control(self) -> None:
         """Command nothing any more. What still moves is stopped, and seen to stand."""
         await self._control.release()

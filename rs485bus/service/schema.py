@@ -278,3 +278,13 @@ def _what_is_wrong(kind: type[Message], payload: bytes | str, error: ValidationE
         for one in error.errors(include_url=False, include_context=False, include_input=False)
     )
     return f"{kind.__name__} is not what its schema says ({wrong}). Nothing was done."
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of every message, by its name."""
+    kinds = (Request, Stop, Presence, Gone, SetPoint, Answer, Holding, AxisReport, AxisEvent, BusReport, Description)
+    return {kind.__name__: kind.model_json_schema() for kind in kinds}
+
+
+if __name__ == "__main__":
+    print(json.dumps(json_schema(), indent=2))

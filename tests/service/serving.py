@@ -53,7 +53,7 @@ async def serving(
     name = name or unlike_any_other()
     file = folder / f"{name}.toml"
     file.write_text(text.format(name=name, port="/dev/null"))
-    ledger = Ledger(folder / f"{name}.sqlite")
+    ledger = await asyncio.to_thread(Ledger, folder / f"{name}.sqlite")  # a disk may be slow
     try:
         async with Plant.load(file, sim=True) as plant:
             service = Service(plant, Broker.at(url), ledger, **options)

@@ -17,6 +17,7 @@ import pytest
 
 from benchmarks.service.mosquitto import Mosquitto, running
 from rs485bus import remote
+from rs485bus.bus.record import Record
 from rs485bus.errors import (
     BrokerError,
     LimitExceeded,
@@ -217,6 +218,45 @@ def test_one_client_commands_an_axis_and_others_may_look_and_stop(tmp_path: Path
             assert await one.x.move_to(0.1) == pytest.approx(0.1, abs=0.01)
 
     in_real_time(main, 20)
+
+
+def test_axes_of_several_plants_start_at_a_common_time_and_the_skew_is_told_honestly(
+    tmp_path: Path, broker: Mosquitto
+) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path, broker.url) as (first, _),
+            serving(tmp_path, broker.url) as (second, _),
+            remote.connect(broker.url, plant=first.name) as one,
+            remote.connect(broker.url, plant=second.name) as other,
+        ):
+            for axis in (one.x, one.y, other.x):
+                await axis.enable()
+            started: list[float] = []
+            for plant in (first, second):
+                plant.buses["main"].subscribe(lambda record: _note_start(record, started))
+            formation = remote.Formation(a=(one, one.x), b=(one, one.y), c=(other, other.x))
+            move = formation.move_to(a=0.5, b=0.25, c=-0.5)
+            assert await move == pytest.approx({"a": 0.5, "b": 0.25, "c": -0.5}, abs=0.01)
+            assert move.skew is not None
+            assert move.uncertainty is not None
+            assert len(started) == 3
+            true = max(started) - min(started)
+            assert true < 0.2
+            assert abs(move.skew - true) <= move.uncertainty + 0.005
+            # Where one fails, the others are stopped before anybody is told.
+            failing = formation.move_to(a=50.0, c=1e9, duration=600.0)
+            with pytest.raises(LimitExceeded, match=rf"{second.name}: .*outside"):
+                await failing
+            assert await first.x.idle()
+
+    in_real_time(main, 30)
+
+
+def _note_start(record: Record, started: list[float]) -> None:
+    """An MKS drive is told to go to a position (0xF5), and not to stop (speed 0)."""
+    if record.request[1:4] == b"\x10\x00\xf5" and record.request[9:11] != b"\0\0":
+        started.append(record.sent_at)
 
 
 def test_a_block_that_is_left_by_an_exception_stops(tmp_path: Path, broker: Mosquitto) -> None:

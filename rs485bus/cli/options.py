@@ -45,6 +45,22 @@ Watchdog = Annotated[
     typer.Option(min=0, help="Seconds, for the drives named here while they may move; 0 for none. Without, 1."),
 ]
 Sim = Annotated[bool, typer.Option("--sim", help="Use virtual drives instead of a port.")]
+BrokerUrl = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--broker", help="Use a plant that is served: mqtt://host. Then --plant is its name."),
+]
+BrokerUser = Annotated[
+    Optional[str],  # noqa: UP045
+    typer.Option("--user", help="As whom the broker is used."),
+]
+PasswordFile = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option("--password-file", help="A file with the password for the broker."),
+]
+CaFile = Annotated[
+    Optional[Path],  # noqa: UP045
+    typer.Option("--ca", help="The certificate of who signs for the broker, with mqtts://."),
+]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")]
 PlantPath = Annotated[Path, typer.Argument(metavar="PLANT.TOML", help="The plant file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
+from rs485bus import remote
 from rs485bus.plant import Plant
 from rs485bus.service.broker import Broker
 from rs485bus.service.ledger import Ledger
@@ -40,6 +41,11 @@ axes = ["x", "y"]
 """
 
 
+def connect(url: str, **options: Any) -> Any:
+    """A client with a lease that outlasts the pauses of a busy machine."""
+    return remote.connect(url, **{"lease": 10.0, **options})
+
+
 def unlike_any_other() -> str:
     """A name of a plant: tests that run side by side may share a broker."""
     return f"cell-{uuid.uuid4().hex[:8]}"
@@ -47,7 +53,7 @@ def unlike_any_other() -> str:
 
 @contextlib.asynccontextmanager
 async def serving(
-    folder: Path, url: str, text: str = CELL, name: str = "", **options: Any
+    folder: Path, broker: str | Broker, text: str = CELL, name: str = "", **options: Any
 ) -> AsyncIterator[tuple[Plant, Service]]:
     """A plant of virtual drives, and the service that serves it."""
     name = name or unlike_any_other()
@@ -56,7 +62,7 @@ async def serving(
     ledger = await asyncio.to_thread(Ledger, folder / f"{name}.sqlite")  # a disk may be slow
     try:
         async with Plant.load(file, sim=True) as plant:
-            service = Service(plant, Broker.at(url), ledger, **options)
+            service = Service(plant, broker if isinstance(broker, Broker) else Broker.at(broker), ledger, **options)
             running = asyncio.create_task(service.run())
             try:
                 ready = asyncio.create_task(service.online.wait())

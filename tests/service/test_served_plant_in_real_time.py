@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import aiomqtt
@@ -18,8 +19,12 @@ import pytest
 from benchmarks.service.mosquitto import Mosquitto, running
 from rs485bus import remote
 from rs485bus.bus.record import Record
+from rs485bus.cli.axis import Order
+from rs485bus.cli.over_broker import Served, run_order, stop_all
+from rs485bus.cli.process import WrongUse
 from rs485bus.errors import (
     BrokerError,
+    EmergencyStopped,
     LimitExceeded,
     MoveCancelled,
     NoReply,
@@ -28,9 +33,10 @@ from rs485bus.errors import (
     RequestMalformed,
 )
 from rs485bus.plant import Plant
+from rs485bus.service.broker import Broker
 from rs485bus.service.topics import Topics
 from tests.real.support import in_real_time
-from tests.service.serving import CELL, serving
+from tests.service.serving import CELL, connect, serving
 
 FAMILIES = """
 name = "{name}"
@@ -73,6 +79,13 @@ axes = ["x", "y"]
 """
 
 
+async def until(holds: Callable[[], bool], within: float = 10.0) -> None:
+    """Wait until something holds."""
+    async with asyncio.timeout(within):
+        while not holds():  # noqa: ASYNC110 - what is waited for has no event
+            await anyio.sleep(0.02)
+
+
 async def stands(plant: Plant, within: float) -> None:
     """Wait until the axis x stands."""
     async with asyncio.timeout(within):
@@ -84,7 +97,7 @@ def test_the_verbs_of_all_families_are_done_from_afar(tmp_path: Path, broker: Mo
     async def main() -> None:
         async with (
             serving(tmp_path, broker.url, FAMILIES) as (plant, _),
-            remote.connect(broker.url, plant=plant.name) as cell,
+            connect(broker.url, plant=plant.name) as cell,
         ):
             assert list(cell.axes) == ["x", "y", "left", "right"]
             enabled = [cell.axes[name].enable() for name in cell.axes]
@@ -114,8 +127,8 @@ def test_states_samples_and_events_are_told(tmp_path: Path, broker: Mosquitto) -
     async def main() -> None:
         async with (
             serving(tmp_path, broker.url) as (plant, _),
-            remote.connect(broker.url, plant=plant.name) as cell,
-            remote.connect(broker.url, plant=plant.name) as other,
+            connect(broker.url, plant=plant.name) as cell,
+            connect(broker.url, plant=plant.name) as other,
         ):
             told: list[str] = []
             other.session.on_event.append(lambda event: told.append(event.event))
@@ -130,11 +143,11 @@ def test_states_samples_and_events_are_told(tmp_path: Path, broker: Mosquitto) -
                     break
             assert positions == sorted(positions)
             await other.x.stop()
-            await asyncio.sleep(0.1)
-            assert other.x.report is not None
-            assert other.x.report.position == pytest.approx(await plant.x.position(), abs=0.001)
+            position = await plant.x.position()
+            await until(lambda: other.x.report.position == pytest.approx(position, abs=0.001))
             assert other.x.report.stop is not None
             assert {"control taken", "stopped"} <= set(told)
+            await until(lambda: "main" in other.buses)
             assert 0 < other.buses["main"].load < 1
 
     in_real_time(main, 20)
@@ -144,7 +157,7 @@ def test_who_is_killed_leaves_axes_that_stand(tmp_path: Path, broker: Mosquitto)
     script = (
         "import asyncio, sys; from rs485bus import remote\n"
         "async def main():\n"
-        "    async with remote.connect(sys.argv[1], plant=sys.argv[2]) as plant:\n"
+        "    async with remote.connect(sys.argv[1], plant=sys.argv[2], lease=5) as plant:\n"
         "        await plant.x.enable(); await plant.x.run(60); print('runs', flush=True); await asyncio.sleep(60)\n"
         "asyncio.run(main())"
     )
@@ -169,7 +182,7 @@ def test_a_broker_that_is_killed_ends_control_and_comes_back(tmp_path: Path) -> 
         with running(tmp_path) as broker:
             async with (
                 serving(tmp_path, broker.url) as (plant, service),
-                remote.connect(broker.url, plant=plant.name) as cell,
+                connect(broker.url, plant=plant.name) as cell,
             ):
                 await cell.x.enable()
                 run = cell.x.run(60, duration=20.0)
@@ -181,7 +194,7 @@ def test_a_broker_that_is_killed_ends_control_and_comes_back(tmp_path: Path) -> 
                 with pytest.raises(MoveCancelled, match="lost the broker"):
                     await run
                 await service.online.wait()
-                await asyncio.sleep(0.5)
+                await until(lambda: bool(cell.control_lost))
                 with pytest.raises(NotInControl, match="Control was lost"):
                     await cell.x.move_to(0)
                 await cell.take_control("x")
@@ -194,8 +207,8 @@ def test_one_client_commands_an_axis_and_others_may_look_and_stop(tmp_path: Path
     async def main() -> None:
         async with (
             serving(tmp_path, broker.url) as (plant, _),
-            remote.connect(broker.url, plant=plant.name, client="one") as one,
-            remote.connect(broker.url, plant=plant.name, client="two") as two,
+            connect(broker.url, plant=plant.name, client="one") as one,
+            connect(broker.url, plant=plant.name, client="two") as two,
         ):
             await one.x.enable()
             run = one.x.run(60, duration=20.0)
@@ -227,8 +240,8 @@ def test_axes_of_several_plants_start_at_a_common_time_and_the_skew_is_told_hone
         async with (
             serving(tmp_path, broker.url) as (first, _),
             serving(tmp_path, broker.url) as (second, _),
-            remote.connect(broker.url, plant=first.name) as one,
-            remote.connect(broker.url, plant=second.name) as other,
+            connect(broker.url, plant=first.name) as one,
+            connect(broker.url, plant=second.name) as other,
         ):
             for axis in (one.x, one.y, other.x):
                 await axis.enable()
@@ -263,12 +276,12 @@ def test_a_block_that_is_left_by_an_exception_stops(tmp_path: Path, broker: Mosq
     async def main() -> None:
         async with serving(tmp_path, broker.url) as (plant, _):
             with pytest.raises(ZeroDivisionError):
-                async with remote.connect(broker.url, plant=plant.name) as cell:
+                async with connect(broker.url, plant=plant.name) as cell:
                     await cell.x.enable()
                     await cell.x.run(60)
                     raise ZeroDivisionError
             assert await plant.x.idle()
-            async with remote.connect(broker.url, plant=plant.name) as cell:
+            async with connect(broker.url, plant=plant.name) as cell:
                 await cell.y.enable()
 
     in_real_time(main, 20)
@@ -279,7 +292,7 @@ def test_a_service_and_a_client_end_in_time_though_the_broker_does_not_answer(tm
         with running(tmp_path) as broker:
             async with contextlib.AsyncExitStack() as stack:
                 plant, _ = await stack.enter_async_context(serving(tmp_path, broker.url))
-                cell = await stack.enter_async_context(remote.connect(broker.url, plant=plant.name, patience=1.0))
+                cell = await stack.enter_async_context(connect(broker.url, plant=plant.name, patience=1.0))
                 await cell.x.enable()
                 os.kill(broker.pid, signal.SIGSTOP)
                 began = asyncio.get_running_loop().time()
@@ -293,6 +306,31 @@ def test_a_service_and_a_client_end_in_time_though_the_broker_does_not_answer(tm
     in_real_time(main, 20)
 
 
+def test_the_commands_work_through_the_service(
+    tmp_path: Path, broker: Mosquitto, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def said() -> str:
+        return " ".join(capsys.readouterr().out.split())
+
+    async def main() -> None:
+        async with serving(tmp_path, broker.url) as (plant, _):
+            at = Served(broker.url, Path(plant.name), None, None, None)
+            assert await run_order(at, "x", Order(verb="move-to", value=0.5), False) == 0
+            assert said() == "x has arrived: 0.5."
+            assert await run_order(at, "x", Order(verb="status"), True) == 0
+            assert json.loads(said())["position"] == 0.5
+            assert await stop_all(at, False) == 0
+            assert said() == "x, y stand."
+            with pytest.raises(EmergencyStopped, match="latched"):
+                await run_order(at, "x", Order(verb="move-to", value=1.0), False)
+            assert await run_order(at, "x", Order(verb="enable"), True) == 1
+            assert json.loads(said())["error"] == "EmergencyStopped"
+            with pytest.raises(WrongUse, match="has no axis 'q': x, y"):
+                await run_order(at, "q", Order(verb="stop"), False)
+
+    in_real_time(main, 60)
+
+
 # What goes wrong
 
 
@@ -300,10 +338,10 @@ def test_a_plant_that_is_not_there_is_told_with_those_that_are(tmp_path: Path, b
     async def main() -> None:
         async with serving(tmp_path, broker.url) as (plant, _):
             with pytest.raises(BrokerError, match=rf"no plant 'cel' at .* Served there: .*{plant.name}"):
-                async with remote.connect(broker.url, plant="cel"):
+                async with connect(broker.url, plant="cel"):
                     pass
         with pytest.raises(BrokerError, match="offline now"):
-            async with remote.connect(broker.url, plant=plant.name):
+            async with connect(broker.url, plant=plant.name):
                 pass
 
     in_real_time(main, 20)
@@ -326,7 +364,7 @@ def test_a_plant_is_served_once(tmp_path: Path, broker: Mosquitto, monkeypatch: 
 def test_nobody_at_the_port_is_told_in_words(tmp_path: Path) -> None:
     async def main() -> None:
         with pytest.raises(BrokerError, match="Nobody listens at mqtt://127"):
-            async with remote.connect("mqtt://127.0.0.1:1", plant="cell"):
+            async with connect("mqtt://127.0.0.1:1", plant="cell"):
                 pass
 
     in_real_time(main, 10)
@@ -363,12 +401,12 @@ def test_users_passwords_and_access_lists_keep_out_who_is_not_meant(tmp_path: Pa
         async with serving(tmp_path, at("service")) as (plant, _):
             for user, password in (("operator", "guess"), ("nobody", "secret")):
                 with pytest.raises(BrokerError, match=r"refuses the connection: .*(authorized|password)"):
-                    async with remote.connect(at(user, password), plant=plant.name):
+                    async with connect(at(user, password), plant=plant.name):
                         pass
-            async with remote.connect(at("operator"), plant=plant.name) as cell:
+            async with connect(at("operator"), plant=plant.name) as cell:
                 await cell.x.enable()
                 assert await cell.x.move_to(0.1) == pytest.approx(0.1, abs=0.01)
-            async with remote.connect(at("guest"), plant=plant.name) as cell:
+            async with connect(at("guest"), plant=plant.name) as cell:
                 assert await cell.x.position() == pytest.approx(0.1, abs=0.01)
                 with pytest.raises(BrokerError, match=r"does not take .*take_control from .*Not authorized"):
                     await cell.x.move_to(2)
@@ -381,6 +419,46 @@ def test_users_passwords_and_access_lists_keep_out_who_is_not_meant(tmp_path: Pa
                 pass
 
     with running(tmp_path, f"password_file {passwords}\nacl_file {acl}", anonymous=False) as broker:
+        in_real_time(lambda: main(broker), 30)
+
+
+def make_certificates(folder: Path) -> None:
+    """An authority, and what it signs for a broker at 127.0.0.1."""
+    key = "-newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes"
+    for words in (
+        f"req -x509 {key} -keyout ca.key -out ca.crt -days 2 -subj /CN=drives",
+        f"req {key} -keyout server.key -out server.csr -subj /CN=127.0.0.1",
+        "x509 -req -in server.csr -CA ca.crt -CAkey ca.key -CAcreateserial -out server.crt -days 2 -extfile names",
+    ):
+        (folder / "names").write_text("subjectAltName=IP:127.0.0.1")
+        subprocess.run(("openssl", *words.split()), cwd=folder, check=True, capture_output=True)
+
+
+def test_the_connection_is_encrypted_where_that_is_asked_for_and_only_to_who_is_trusted(tmp_path: Path) -> None:
+    make_certificates(tmp_path)
+    ca = str(tmp_path / "ca.crt")
+
+    async def main(broker: Mosquitto) -> None:
+        url = broker.url.replace("mqtt:", "mqtts:")
+        async with (
+            serving(tmp_path, Broker.at(url, ca=ca)) as (plant, _),
+            connect(url, plant=plant.name, ca=ca) as cell,
+        ):
+            assert await cell.x.position() == 0
+            with pytest.raises(BrokerError, match=r"is not trusted: .* Name who signed it"):
+                async with connect(url, plant=plant.name):
+                    pass
+            with pytest.raises(BrokerError):
+                async with connect(broker.url, plant=plant.name):
+                    pass
+        with pytest.raises(BrokerError, match=r"A certificate .* cannot be used"):
+            async with connect(url, plant="cell", ca=str(tmp_path / "nothing.crt")):
+                pass
+
+    tls = "\n".join(
+        f"{what} {tmp_path / file}" for what, file in (("certfile", "server.crt"), ("keyfile", "server.key"))
+    )
+    with running(tmp_path, tls) as broker:
         in_real_time(lambda: main(broker), 30)
 
 
@@ -410,7 +488,7 @@ def test_a_service_of_another_version_is_told_of_when_a_client_connects(broker: 
             later = {"v": 2, "status": "online", "session": "1", "plant": "later"}
             await newer.publish(Topics("later").service, json.dumps(later), qos=1, retain=True)
             with pytest.raises(RequestMalformed, match="version 2 of the schema, and this side speaks version 1"):
-                async with remote.connect(broker.url, plant="later"):
+                async with connect(broker.url, plant="later"):
                     pass
             await newer.publish(Topics("later").service, b"", qos=1, retain=True)
 
@@ -440,7 +518,7 @@ def test_streams_are_refused_in_words_where_an_axis_has_none(tmp_path: Path, bro
         async with serving(tmp_path, broker.url, CELL) as (plant, _):
             if hasattr(plant.x, "stream"):
                 return
-            async with remote.connect(broker.url, plant=plant.name) as cell:
+            async with connect(broker.url, plant=plant.name) as cell:
                 with pytest.raises(NotSupported, match="takes no set-points"):
                     async with cell.x.stream() as setpoint:
                         setpoint(60)

@@ -6,7 +6,22 @@ from typing import Annotated, Optional
 
 import typer
 
-from rs485bus.cli.options import AxisBaudrate, DrivePort, Json, Mks, Plant, Sim, Tlr, Watchdog, Zlac, where
+from rs485bus.cli.options import (
+    AxisBaudrate,
+    BrokerUrl,
+    BrokerUser,
+    CaFile,
+    DrivePort,
+    Json,
+    Mks,
+    PasswordFile,
+    Plant,
+    Sim,
+    Tlr,
+    Watchdog,
+    Zlac,
+    where,
+)
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -41,6 +56,10 @@ def axis(
     watchdog: Watchdog = None,
     sim: Sim = False,
     json: Json = False,
+    broker: BrokerUrl = None,
+    user: BrokerUser = None,
+    password_file: PasswordFile = None,
+    ca: CaFile = None,
 ) -> None:
     """Have one axis do one thing, and wait until it is done.
 
@@ -51,5 +70,10 @@ def axis(
 
     order = Order(verb=verb, value=value, rpm=rpm, acceleration=acceleration, duration=duration, timeout=timeout)
     order.check()
+    if broker is not None:
+        from rs485bus.cli import over_broker
+
+        served = over_broker.Served(broker, plant, user, password_file, ca)
+        start(lambda: over_broker.run_order(served, name, order, json))
     there = where(plant, port, baudrate, mks, tlr, zlac, sim, watchdog)
     start(lambda: run_order(there, name, order, json))

@@ -10,7 +10,7 @@ from typing import TypeVar
 from rs485bus.arguments import positive, real
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, MoveCancelled
-from rs485bus.profile import Profile
+from rs485bus.motion.profile import Profile
 from rs485bus.remote.axis import RemoteAxis
 from rs485bus.remote.handles import RemoteMove
 from rs485bus.remote.plant import RemotePlant

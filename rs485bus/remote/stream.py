@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from rs485bus.arguments import real
-from rs485bus.errors import BusError, MotionError
+from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.remote.handles import RemoteMove
 from rs485bus.remote.outbox import Outbox
 from rs485bus.remote.session import Session
@@ -105,7 +106,8 @@ class RemoteStream:
                 self._target.stop().seen = True
         handle.seen = True
         if error is None:
-            await handle.wait()
+            with contextlib.suppress(MoveCancelled):  # somebody stopped it
+                await handle.wait()
 
     async def _begun(self, handle: RemoteMove[None]) -> None:
         begun = asyncio.ensure_future(handle.begun.wait())

@@ -237,6 +237,8 @@ class OpenStream:
         try:
             async with self._block as setpoint:
                 self._set = setpoint
+                if hasattr(self._block, "on_end"):
+                    self._block.on_end(self.end)
                 try:
                     await self._end
                 finally:

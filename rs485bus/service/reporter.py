@@ -8,11 +8,12 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
+from rs485bus.motion.axis import Axis
 from rs485bus.service.clock import Clock
 from rs485bus.service.decisions import Order
 from rs485bus.service.desk import Desk
 from rs485bus.service.machine import Performance, Plant
-from rs485bus.service.schema import AxisReport
+from rs485bus.service.schema import AxisEvent, AxisReport
 from rs485bus.service.topics import Topics
 from rs485bus.service.verbs import Sampling
 from rs485bus.service.watch import Watch
@@ -55,6 +56,7 @@ class Reporter:
         async with asyncio.TaskGroup() as group:
             for name, axis in self._plant.axes.items():
                 group.create_task(self._report(name, axis))
+                group.create_task(self._report_events(name, axis))
             group.create_task(self._report_buses())
 
     def began(self, order: Order, performance: Performance) -> None:
@@ -85,7 +87,7 @@ class Reporter:
         self._samplings[name] = wanted
         return min((every for every, _ in wanted.values()), default=None)
 
-    async def _report(self, name: str, axis: Any) -> None:
+    async def _report(self, name: str, axis: Axis) -> None:
         loop = asyncio.get_running_loop()
         told: AxisReport | None = None
         told_at = float("-inf")
@@ -93,15 +95,17 @@ class Reporter:
         while True:
             began = loop.time()
             changed.clear()
-            report = await self._watch.axis(name, axis, **self._known(name))
             sampling = self._sampling(name)
+            every = min(self._period, sampling or self._period)
+            idle = told is not None and not told.moving and sampling is None
+            report = await self._watch.axis(axis, _STANDING / 2 if idle else every / 2, **self._known(name))
             if sampling is not None:
                 self._say(name, "sample", report)
             due = told_at + (self._period if told is None or _differs(report, told) else _STANDING)
             if loop.time() >= due - 0.001:
                 self._say(name, "state", report, retain=True)
                 told, told_at = report, loop.time()
-            pause = min(self._period, sampling or self._period) - (loop.time() - began)
+            pause = every - (loop.time() - began)
             if not await _set_within(changed, max(0.001, pause)):
                 continue
             told_at = min(told_at, loop.time() - self._period)
@@ -121,6 +125,13 @@ class Reporter:
             "holder": self._desk.leases.holder(name),
             "stop": self._desk.stops.last(name),
         }
+
+    async def _report_events(self, name: str, axis: Axis) -> None:
+        async for event in axis.events():
+            at = self._clock.of_loop(event.at)
+            said = AxisEvent(at=at, axis=name, event=event.kind.value, what=event.what)
+            self._publish(self._topics.axis(name, "event"), said)
+            self._changed[name].set()
 
     async def _report_buses(self) -> None:
         while True:

@@ -152,7 +152,10 @@ class AxisReport(Told):
     moving: bool | None = None
     enabled: bool | None = None
     fault: str = ""
+    """What the drive reports, in words; empty if nothing is known of a fault."""
+    stalled: bool = False
     limit: str = ""
+    """The limit that is reached, in words."""
     lost: str = ""
     """Why positions are not to be trusted."""
     target: float | None = None

@@ -7,7 +7,8 @@ from collections import defaultdict
 from typing import Any
 
 from rs485bus.bus.bus import Bus
-from rs485bus.errors import BusError
+from rs485bus.motion.axis import Axis
+from rs485bus.motion.sample import AxisSample
 from rs485bus.service.clock import Clock
 from rs485bus.service.schema import AxisReport, BusReport, UnitReport
 
@@ -24,28 +25,25 @@ class Watch:
         self._numbers: defaultdict[str, itertools.count[int]] = defaultdict(itertools.count)
         self._airtime: dict[str, tuple[float, float]] = {}
 
-    async def axis(self, name: str, axis: Any, **known: Any) -> AxisReport:
-        """What is known of an axis, without a number. Its drive is asked where nothing tells by itself."""
-        bus: Bus = axis.bus
-        facts = await self._facts(axis)
-        at = self._clock.now() if facts is None else facts.pop("at")
+    async def axis(self, axis: Axis, every: float, **known: Any) -> AxisReport:
+        """What is known of an axis, without a number. Its drive is asked for what is older than so many seconds."""
+        sample = await _fresh(axis, every)
+        bus = axis.bus
         return AxisReport(
             n=0,
-            at=at,
+            at=self._clock.now() if sample.position is None else self._clock.of_loop(sample.at),
+            position=sample.position,
+            rpm=0.0 if sample.moving is False else sample.rpm,
+            moving=sample.moving,
+            enabled=sample.enabled,
+            fault=sample.fault,
+            stalled=sample.stalled,
+            limit=sample.limit,
+            lost=sample.lost,
             connected=bus.connected,
             latched=bus.latched,
-            **(facts or {"lost": "its drive does not answer"}),
             **known,
         )
-
-    async def _facts(self, axis: Any) -> dict[str, Any] | None:
-        at = self._clock.now()
-        try:
-            position = await axis.position()
-            rpm = await axis.velocity() if axis.motion.may_move else 0.0
-        except BusError:
-            return None
-        return {"at": at, "position": position, "rpm": rpm, "moving": axis.motion.may_move}
 
     def bus(self, name: str, bus: Bus) -> BusReport:
         """Load and errors of a bus."""
@@ -54,7 +52,7 @@ class Watch:
         self._airtime[name] = (stats.airtime, stats.elapsed)
         passed = stats.elapsed - since
         return BusReport(
-            n=next(self._numbers[f"bus {name}"]),
+            n=next(self._numbers[name]),
             at=self._clock.now(),
             port=bus.port,
             connected=bus.connected,
@@ -74,3 +72,11 @@ class Watch:
                 for address, unit in stats.units.items()
             },
         )
+
+
+async def _fresh(axis: Axis, every: float) -> AxisSample:
+    samples = axis.samples(every)
+    try:
+        return await anext(samples)
+    finally:
+        await samples.aclose()  # type: ignore[attr-defined] # it is a generator

@@ -29,14 +29,13 @@ from rs485bus.errors import (
     MoveCancelled,
     NoReply,
     NotInControl,
-    NotSupported,
     RequestMalformed,
 )
 from rs485bus.plant import Plant
 from rs485bus.service.broker import Broker
 from rs485bus.service.topics import Topics
 from tests.real.support import in_real_time
-from tests.service.serving import CELL, connect, serving
+from tests.service.serving import connect, serving
 
 FAMILIES = """
 name = "{name}"
@@ -270,6 +269,36 @@ def _note_start(record: Record, started: list[float]) -> None:
     """An MKS drive is told to go to a position (0xF5), and not to stop (speed 0)."""
     if record.request[1:4] == b"\x10\x00\xf5" and record.request[9:11] != b"\0\0":
         started.append(record.sent_at)
+
+
+def test_set_points_hold_for_a_while_and_a_stop_ends_their_stream(tmp_path: Path, broker: Mosquitto) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path, broker.url) as (plant, _),
+            connect(broker.url, plant=plant.name) as cell,
+            connect(broker.url, plant=plant.name) as other,
+        ):
+            await cell.x.enable()
+            async with cell.x.stream(timeout=1.0) as setpoint:
+                for _ in range(10):
+                    setpoint(60)
+                    await asyncio.sleep(0.05)
+                assert await plant.x.velocity() == pytest.approx(60, abs=5)
+                await until(lambda: plant.x.sample.moving is False)  # nothing comes any more
+                setpoint(-60)
+                await until(lambda: plant.x.sample.rpm == pytest.approx(-60, abs=5))
+                assert await other.x.stop() == ["x"]
+                with pytest.raises(MoveCancelled, match="was stopped"):
+                    for _ in range(100):
+                        setpoint(-60)
+                        await asyncio.sleep(0.05)
+                assert await plant.x.idle()
+            async with cell.x.stream(timeout=1.0) as setpoint:
+                setpoint(30)
+                await asyncio.sleep(0.2)
+            assert await plant.x.idle()
+
+    in_real_time(main, 40)
 
 
 def test_a_block_that_is_left_by_an_exception_stops(tmp_path: Path, broker: Mosquitto) -> None:
@@ -509,18 +538,5 @@ def test_home_assistant_finds_states_and_stops_and_nothing_that_moves(tmp_path: 
             topics = Topics(plant.name)
             assert commands == {topics.stop, topics.emergency_stop}
             assert f"homeassistant/sensor/{plant.name}_x_position/config" in found
-
-    in_real_time(main, 10)
-
-
-def test_streams_are_refused_in_words_where_an_axis_has_none(tmp_path: Path, broker: Mosquitto) -> None:
-    async def main() -> None:
-        async with serving(tmp_path, broker.url, CELL) as (plant, _):
-            if hasattr(plant.x, "stream"):
-                return
-            async with connect(broker.url, plant=plant.name) as cell:
-                with pytest.raises(NotSupported, match="takes no set-points"):
-                    async with cell.x.stream() as setpoint:
-                        setpoint(60)
 
     in_real_time(main, 10)

@@ -35,6 +35,7 @@ from rs485bus.plant import Plant
 from rs485bus.service.broker import Broker
 from rs485bus.service.topics import Topics
 from tests.real.support import in_real_time
+from tests.service.guide_page import ACCESS_LIST
 from tests.service.serving import connect, serving
 
 FAMILIES = """
@@ -399,29 +400,12 @@ def test_nobody_at_the_port_is_told_in_words(tmp_path: Path) -> None:
     in_real_time(main, 10)
 
 
-ACL = """
-user service
-topic readwrite rs485bus/#
-user operator
-topic read rs485bus/#
-topic write rs485bus/+/request/#
-topic write rs485bus/+/stop
-pattern write rs485bus/+/presence/%c
-pattern write rs485bus/+/gone/%c
-user guest
-topic read rs485bus/#
-topic write rs485bus/+/request/plant/time
-topic write rs485bus/+/request/+/position
-topic write rs485bus/+/emergency_stop
-"""
-
-
 def test_users_passwords_and_access_lists_keep_out_who_is_not_meant(tmp_path: Path) -> None:
     passwords, acl = tmp_path / "passwords", tmp_path / "acl"
     for option, user in (("-c", "service"), ("", "operator"), ("", "guest")):
         words = ("mosquitto_passwd", "-b", *([option] if option else []), str(passwords), user, "secret")
         subprocess.run(words, check=True, capture_output=True)
-    acl.write_text(ACL)
+    acl.write_text(ACCESS_LIST)
 
     async def main(broker: Mosquitto) -> None:
         def at(user: str, password: str = "secret") -> str:

@@ -1291,6 +1291,10 @@ class Setpoint:
         """
         ...
     @property
+    def count(self) -> int:
+        """How many set-points were told; newer ones have taken the place of the others."""
+        ...
+    @property
     def delay(self) -> float:
         """How old the newest set-point was when its frame was sent, in seconds."""
         ...

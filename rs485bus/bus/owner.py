@@ -82,8 +82,8 @@ class Owner:
         self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
         self._register_writes = RegisterWrites(self.feeding, self.gate.hearing, self.watchdogs.make)
         self._timers = Timers()
-        self._queue = Queue()
-        wire = (self.pair, self._queue, self.gate, self.feeding, self.units)
+        self.queue = Queue()
+        wire = (self.pair, self.queue, self.gate, self.feeding, self.units)
         self._attempts = Attempts(
             clock,
             config,
@@ -127,7 +127,7 @@ class Owner:
         job.queued_at = self._clock.now = now
         job.outcome = job.code = job.heard = None
         reason = self.gate.refusal(job)
-        if self._queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
+        if self.queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
             reason = Reason.QUEUE_FULL
         if reason is Reason.NONE and job.slot is not None:
             reason = self.starts.join(job)
@@ -136,7 +136,7 @@ class Owner:
         if reason is not Reason.NONE:
             self._end(job, Outcome.NOT_SENT, reason)
             return
-        self._queue.put(job)
+        self.queue.put(job)
         if job.expires_at is not None:
             job.timer = self.at(job.expires_at, lambda: self._expire(job))
         if self.pair.job is None:
@@ -153,7 +153,7 @@ class Owner:
         job.caller_cancelled = True
         waiting = job.read_back or job
         waiting.caller_cancelled = True
-        if job.urgency is not Urgency.STOP and self._queue.remove(waiting):
+        if job.urgency is not Urgency.STOP and self.queue.remove(waiting):
             self._drop(waiting, Reason.CANCELLED)
 
     def at(self, when: float, callback: Callable[[], None]) -> Timer:
@@ -189,7 +189,7 @@ class Owner:
             self._wake = now
         elif self._native and isinstance(asked, Job) and asked.outcome is None and asked.request.answered_by(frame):
             # The device itself says so: it is the answer to what waits to be sent again, or for the end of its time.
-            if self._attempts.lingering.leaves(asked) or self._queue.remove(asked):
+            if self._attempts.lingering.leaves(asked) or self.queue.remove(asked):
                 asked.answered_since, asked.reply = asked.queued_at, frame
                 self.units.heard(unit, now)
                 self._end(asked, Outcome.REPLY)
@@ -230,7 +230,7 @@ class Owner:
             frame = self._send(job, start)
             wake = pair.quiet_at if pair.job is None else pair.wait_until(self._selector.stop_waits())
         self._wake = wake
-        if self._after_stops and not (self.gate.connected and self._queue.has(Urgency.STOP)):
+        if self._after_stops and not (self.gate.connected and self.queue.has(Urgency.STOP)):
             self._stops_are_out()
         return frame
 
@@ -245,7 +245,7 @@ class Owner:
         self.one_way.end_all(Outcome.UNKNOWN, Reason.UNPLUGGED)  # nobody knows whether they went out
         for job in self._attempts.end_all():
             self._end(job, silence_of(job), Reason.UNPLUGGED)
-        self._flush(self._queue, self.gate.needs_port, Reason.UNPLUGGED)
+        self._flush(self.queue, self.gate.needs_port, Reason.UNPLUGGED)
         for unit in self.units:
             watch = self.feeding.get(unit.address)
             if watch is not None:
@@ -277,7 +277,7 @@ class Owner:
         """Whether a stop that somebody sent by himself waits, or is on the wire."""
         job = self.pair.job
         out = job is not None and job.urgency is Urgency.STOP and not job.internal
-        return out or any(not job.internal for job in self._queue.of_urgency(Urgency.STOP))
+        return out or any(not job.internal for job in self.queue.of_urgency(Urgency.STOP))
 
     @property
     def is_sending(self) -> bool:
@@ -295,14 +295,14 @@ class Owner:
         self.one_way.end_all(Outcome.REPLY if sent else Outcome.UNKNOWN, Reason.CLOSED)
         for job in self._attempts.end_all():
             self._end(job, silence_of(job))
-        self._flush(self._queue, lambda _: True, Reason.CLOSED)
+        self._flush(self.queue, lambda _: True, Reason.CLOSED)
         self._procedures.end_all()
         self._timers.clear()
         self._stops_are_out()
 
     def flush(self, reason: Reason) -> None:
         """End every job that waits but the bus' own and stops."""
-        self._flush(self._queue, lambda job: not job.internal and job.urgency is not Urgency.STOP, reason)
+        self._flush(self.queue, lambda job: not job.internal and job.urgency is not Urgency.STOP, reason)
 
     def _stops_are_out(self) -> None:
         callbacks, self._after_stops = self._after_stops, []
@@ -367,7 +367,7 @@ class Owner:
 
     def _flush(self, jobs: Iterable[Job], which: Callable[[Job], bool], reason: Reason) -> None:
         for job in list(jobs):
-            if which(job) and self._queue.remove(job):
+            if which(job) and self.queue.remove(job):
                 self._drop(job, reason)
 
     def _drop(self, job: Job, reason: Reason) -> None:

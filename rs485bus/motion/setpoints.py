@@ -178,6 +178,11 @@ class Setpoint:
         """How old the newest set-point was when its frame was sent, in seconds."""
         return self._running[0].told.delay if self._running else 0.0
 
+    @property
+    def count(self) -> int:
+        """How many set-points were told; newer ones have taken the place of the others."""
+        return self._running[0].told.count if self._running else 0
+
 
 class SetpointStream:
     """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.

@@ -22,6 +22,8 @@ from rs485bus.wire.frames import Request
 
 STEP = 0.04
 """Seconds between two steps of a ramp."""
+_GENTLER = 0.9
+"""The part of the acceleration that a drive has at least, which is told the next gentler one."""
 _AGAIN = 0.05
 """Seconds after which a speed is told again whose answer may have been that to another one."""
 _FOREVER = float("inf")
@@ -42,9 +44,10 @@ class Turns:
 
     def urgency(self, bus: Bus) -> Urgency:
         """How urgent the next set-point is."""
-        flight, last = bus.owner.journal.flight, self.last
+        flight, queue, last = bus.owner.journal.flight, bus.owner.queue, self.last
         mine = bool(flight) and last is not None and flight[-1].sent_at == last.sent_at
-        return Urgency.COMMAND if mine else Urgency.CONFIRM
+        others = queue.has(Urgency.COMMAND) or queue.has(Urgency.POLL)
+        return Urgency.COMMAND if mine and others else Urgency.CONFIRM
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,8 @@ class Told:
     """The drive has acknowledged it, by an answer that can be to nothing else."""
     delay: float = 0.0
     """How old the newest set-point was when its frame was sent, in seconds."""
+    count: int = 0
+    """Set-points that were told, or steps towards them."""
 
 
 class Streamer:
@@ -130,6 +135,8 @@ class Streamer:
         """What tells the speeds that are being told, or were told last."""
         self._next = speeds
         """Those speeds."""
+        self._next_at = NEVER
+        """When the set-point was given that they are told for; never for a mere step of a ramp."""
         self._rest: deque[Request] = deque()
         """What of that was not sent yet."""
         self._is_unmistakable = True
@@ -221,12 +228,13 @@ class Streamer:
         ahead = limits[1] - position.value if wanted > 0 else position.value - limits[0]
         ahead -= 2 * state.rule.same
         speed = max(abs(self.told.speeds[at]), abs(state.last(Fact.SPEED).value or 0.0))
-        age, ramp = now - position.at, self._terms.acceleration
-        gone = speed * (age + 2 * self._unit.reply_timeout + STEP)
-        if math.isfinite(ramp):
-            gone += ramp * age * age / 2  # it may have been faster then
-        room = max(0.0, ahead / self._drive.ability(self._axes[at]).counts_per_turn - gone / 60)
-        return min(1.0, math.sqrt(120 * ramp * room) / abs(wanted)) if room else 0.0
+        age, ramp = now - position.at, _GENTLER * self._terms.acceleration
+        gone = speed * age + (ramp * age * age / 2 if math.isfinite(ramp) else 0.0)  # it may have been faster then
+        room = max(0.0, 60 * ahead / self._drive.ability(self._axes[at]).counts_per_turn - gone)
+        # What it goes until it can be told otherwise, and what it needs to stand, are to fit.
+        blind = 2 * self._unit.reply_timeout + STEP
+        allowed = ramp * (math.sqrt(blind * blind + 2 * room / ramp) - blind) if math.isfinite(ramp) else room / blind
+        return min(1.0, allowed / abs(wanted))
 
     def _step(self, target: Speeds, now: float) -> Speeds:
         """The next speeds on the straight way to others."""
@@ -253,7 +261,7 @@ class Streamer:
             return
         frames = self._setpoints(speeds)
         if self._job.replace(frames[0]):
-            self._frames, self._rest, self._next = frames, deque(frames[1:]), speeds
+            self._take(frames, speeds)
 
     def _tell(self, speeds: Speeds, now: float) -> None:
         frames = self._setpoints(speeds)
@@ -262,8 +270,13 @@ class Streamer:
             self.told.speeds, self.told.at, self._is_new = speeds, now, False
             self._wake_at(now + STEP)
             return
-        self._frames, self._rest, self._next = frames, deque(frames[1:]), speeds
+        self._take(frames, speeds)
         self._submit(frames[0])
+
+    def _take(self, frames: Sequence[Request], speeds: Speeds) -> None:
+        """These are to be sent."""
+        self._frames, self._rest, self._next = frames, deque(frames[1:]), speeds
+        self._next_at = self._wanted_at if self._is_new else NEVER
 
     def _submit(self, request: Request) -> None:
         self._is_unmistakable = not self._unit.late.must_wait(request)
@@ -315,8 +328,10 @@ class Streamer:
         told.speeds, told.at = self._next, at
         for state in self._states:
             state.ramp_takes = self._terms.takes(self._next)
-        if self._is_new and self._wanted_at <= at:
-            told.delay, self._is_new = at - self._wanted_at, False
+        if self._next_at != NEVER:
+            told.delay = at - self._next_at
+            told.count += 1
+            self._is_new = self._wanted_at > self._next_at
 
     # Time
 

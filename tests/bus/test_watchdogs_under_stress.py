@@ -175,7 +175,7 @@ def test_stops_to_a_drive_that_does_not_answer_take_a_fifth_of_the_wire_while_ot
     assert spent[99] > 2 * spent[2]
     assert not guarded.told
     # What waits does not grow with every press.
-    assert rig.owner._queue.size < 5
+    assert rig.owner.queue.size < 5
 
 
 def test_a_drive_that_answers_is_stopped_at_once_beside_a_dead_one_that_is_stopped_all_the_time() -> None:

@@ -27,6 +27,8 @@ PortOf = Callable[[LineSettings], str | Transport]
 RATES = (38400, 115200, 9600, 19200, 57600, 256000, 128000)
 """bit/s, in the order in which they are tried: first those at which drives are shipped."""
 ADDRESSES = range(1, 248)
+_SHIPPED = 8
+"""New drives have addresses up to here."""
 _QUICK = 0.010
 """Seconds after which an answer has usually begun."""
 _FEW, _FEW_WAIT = 32, 0.03
@@ -150,28 +152,37 @@ class Scan:
         """
         lines = [(rate, form) for rate in self.baudrates for form in self.formats]
         progress = Progress(total=2 * len(lines) * len(self.addresses), found=self.found)
-        for number, (rate, form) in enumerate(lines, 1):
-            settings = LineSettings(baudrate=rate, parity=form.parity, stopbits=form.stopbits)
-            progress.line = f"{rate} bit/s, {form}"
-            try:
-                await self._one_line(settings, form, progress)
-            except PortError as error:
-                if type(error) is not PortError or len(lines) == 1 or (number == len(lines) and not self._any_tried()):
-                    raise
-                self.skipped.append(f"{progress.line}: {error}")
-            progress.done = 2 * number * len(self.addresses)
-            if self._enough:
-                break
+        for addresses in self._stages(len(lines)):
+            for rate, form in sorted(lines, key=self._is_new):
+                progress.line = f"{rate} bit/s, {form}"
+                try:
+                    await self._one_line(rate, form, addresses, progress)
+                except PortError as error:
+                    if type(error) is not PortError or len(lines) == 1:
+                        raise
+                    lines.remove((rate, form))
+                    self.skipped.append(f"{progress.line}: {error}")
+                    progress.total -= 2 * len(self.addresses)
+                if self._enough:
+                    return self.found
         return self.found
 
-    def _any_tried(self) -> bool:
-        return len(self.skipped) < len(self.baudrates) * len(self.formats) - 1
+    def _stages(self, lines: int) -> list[Sequence[int]]:
+        """What is asked at every rate before the rest is: drives as shipped are found at once."""
+        first = [address for address in self.addresses if address <= _SHIPPED]
+        rest = [address for address in self.addresses if address > _SHIPPED]
+        return [self.addresses] if lines == 1 or not first or not rest else [first, rest]
+
+    def _is_new(self, line: tuple[int, Format]) -> bool:
+        """Whether nobody was found there yet: those go last."""
+        return line not in {(one.baudrate, one.format) for one in self.found}
 
     @property
     def _enough(self) -> bool:
         return self.expect is not None and len(self.found) >= self.expect
 
-    async def _one_line(self, settings: LineSettings, form: Format, progress: Progress) -> None:
+    async def _one_line(self, rate: int, form: Format, addresses: Sequence[int], progress: Progress) -> None:
+        settings = LineSettings(baudrate=rate, parity=form.parity, stopbits=form.stopbits)
         config = BusConfig(reply_timeout=_PATIENT, late_reply_window=_PATIENT, retries=0, offline_after=100)
         opening = open_bus(
             self.port(settings),
@@ -181,7 +192,7 @@ class Scan:
             config=config,
         )
         async with opening as bus:
-            look = _Look(bus, self.addresses, progress, self.tell)
+            look = _Look(bus, addresses, progress, self.tell)
             async for address, garbled in look.answering():
                 found = await recognise(bus, address, settings.baudrate, form)
                 found.twins = found.twins or (garbled and found.family is None)

@@ -71,7 +71,7 @@ VERBS: dict[str, Verb] = {
     "enable": Verb(lambda axis, order: axis.enable(), past="is enabled and holds its position"),
     "disable": Verb(lambda axis, order: axis.disable(), past="is let go"),
     "home": Verb(
-        lambda axis, order: _home(axis, order.timeout), options=("timeout",), moves=True, past="has found its origin"
+        lambda axis, order: home(axis, order.timeout), options=("timeout",), moves=True, past="has found its origin"
     ),
     "move-to": Verb(
         lambda axis, order: axis.move_to(order.value, **_pace(order)),
@@ -101,7 +101,8 @@ VERBS: dict[str, Verb] = {
 }
 
 
-def _home(axis: Any, timeout: float | None) -> Any:
+def home(axis: Any, timeout: float | None = None) -> Any:
+    """Have an axis find its origin. Raises `NotSupported` where its drive cannot."""
     if not hasattr(axis, "home"):
         raise NotSupported(
             f"{axis.name} cannot home by itself: its drive has no such command. Drive it to where its zero is to be "
@@ -128,14 +129,13 @@ async def run_order(where: Where, name: str, order: Order, as_json: bool) -> int
         raise
     except Exception as error:
         if as_json:
-            print(json.dumps({"axis": name, "verb": order.verb, "done": False, **_failure(error)}))
-            return tell(error)
+            return tell_failure({"axis": name, "verb": order.verb}, error)
         raise
     if as_json:
         print(json.dumps({"axis": name, "verb": order.verb, "done": True, **result}))
     else:
         for line in _lines(name, order, result):
-            out.print(line, soft_wrap=True)
+            out.print(line)
     return DONE
 
 
@@ -150,7 +150,7 @@ async def _carry_out(where: Where, name: str, order: Order, out: Console) -> dic
         if order.verb == "clear-fault" and entry.side is not None:
             axis = plant.drive(name)  # of both wheels
         if verb.moves or order.verb == "enable":
-            await _enable(axis, name, entry)
+            await enabled(axis, name, entry)
         handle = verb.ask(axis, order)
         await _watch(plant, name, handle, out)
         if order.verb == "run" and order.duration is None:
@@ -160,7 +160,8 @@ async def _carry_out(where: Where, name: str, order: Order, out: Console) -> dic
         return {"position": round(await axis.position(), 6), "unit": entry.unit}
 
 
-async def _enable(axis: Any, name: str, entry: AxisEntry) -> None:
+async def enabled(axis: Any, name: str, entry: AxisEntry) -> None:
+    """Enable an axis. A failure names the command that mends it."""
     try:
         await axis.enable()
     except NotEnabled as error:
@@ -238,9 +239,12 @@ def _lines(name: str, order: Order, result: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _failure(error: Exception) -> dict[str, Any]:
-    notes = getattr(error, "__notes__", [])
-    return {"error": type(error).__name__, "message": " ".join([str(error), *notes]), "exit_code": exit_code(error)}
+def tell_failure(what: dict[str, Any], error: Exception) -> int:
+    """Tell a failure to people and to programs. Returns the exit code."""
+    message = " ".join([str(error), *getattr(error, "__notes__", [])])
+    told = {"error": type(error).__name__, "message": message, "exit_code": exit_code(error)}
+    print(json.dumps({**what, "done": False, **told}))
+    return tell(error)
 
 
 async def stop_all(where: Where, as_json: bool) -> int:

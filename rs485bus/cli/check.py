@@ -22,7 +22,7 @@ def check_files(paths: Sequence[str], as_json: bool) -> int:
         for result in results:
             for text in result["text"]:
                 if result["right"]:
-                    console().print(text, soft_wrap=True)
+                    console().print(text)
                 else:
                     print(text, file=sys.stderr)
     return DONE if all(result["right"] for result in results) else WRONG_INPUT

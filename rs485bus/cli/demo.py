@@ -219,7 +219,7 @@ def _summary(buses: Mapping[str, Bus], legs: list[_Leg], reports: list[WatchRepo
         "at the end": "every axis stands, every watchdog is off" if standing else "[red]NOT all stand[/red]",
     }
     for name, fact in facts.items():
-        console.print(f"{name:12}{fact}", soft_wrap=True)
+        console.print(f"{name:12}{fact}")
     return 0 if standing else UNKNOWN
 
 
@@ -249,7 +249,7 @@ async def _warn(plant: Plant, where: Where, console: Console) -> None:
         if addresses
     ) or ", ".join(plant.axes)
     there = where.port or ", ".join(entry.port for entry in plant.file.buses.values())
-    console.print(f"{drives} on {there} will home and turn some turns. Ctrl-C stops them at any time.", soft_wrap=True)
+    console.print(f"{drives} on {there} will home and turn some turns. Ctrl-C stops them at any time.")
     for left in range(_COUNTDOWN, 0, -1):
         console.print(f"{left} ...")
         await asyncio.sleep(1)
@@ -275,7 +275,7 @@ async def _plant(where: Where, console: Console) -> AsyncIterator[Where]:
         yield replace(where, sim=True)
         return
     async with await line.serve_pty() as virtual:
-        console.print(f"A virtual plant: {said} at {baudrate} bit/s on {virtual.path}.", soft_wrap=True)
+        console.print(f"A virtual plant: {said} at {baudrate} bit/s on {virtual.path}.")
         yield replace(where, port=virtual.path)
         console.print(f"{line.pair.frames} frames on the pair, {line.pair.early_frames} of them before t3.5.")
 

@@ -29,7 +29,7 @@ async def show(where: Where, name: str, setting: str | None, as_json: bool) -> i
     kinds = settings.names()
     width = max(map(len, values))
     for key, value in values.items():
-        console().print(f"{key:{width}}  {_shown(value):>12}   {kinds[key]}", soft_wrap=True, markup=False)
+        console().print(f"{key:{width}}  {_shown(value):>12}   {kinds[key]}", markup=False)
     return DONE
 
 
@@ -68,7 +68,6 @@ async def save(where: Where, name: str, path: Path) -> int:
             console().print(
                 f"{path} names all settings. An MKS drive cannot be asked for them: take the # away from those you "
                 "want, and load the file.",
-                soft_wrap=True,
             )
             return DONE
         values = await settings.read()

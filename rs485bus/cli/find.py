@@ -48,7 +48,7 @@ def show_ports(as_json: bool) -> None:
     out.print(table)
     for port in ports:
         for advice in port.advice:
-            out.print(f"{port.port}: {advice}", soft_wrap=True)
+            out.print(f"{port.port}: {advice}")
 
 
 def check_target(write: Path | None, force: bool) -> None:
@@ -139,24 +139,23 @@ def _show(scan: Scan, as_json: bool, out: Console, before: str = "") -> None:
     if before:
         out.print(before)
     for skipped in scan.skipped:
-        out.print(f"Not tried: {skipped}", soft_wrap=True)
+        out.print(f"Not tried: {skipped}")
     if not scan.found:
-        out.print(NOTHING, soft_wrap=True)
+        out.print(NOTHING)
         if scan.noise:
             out.print(
                 f"{scan.noise} bytes were heard that are no answer: at a wrong rate drives may answer so, a pair "
                 "without termination or bias makes them, or another program talks on it.",
-                soft_wrap=True,
             )
         return
     if not as_json:
         out.print(_table(scan.found))
     for one in scan.found:
         if one.note:
-            out.print(f"Address {one.address}: {one.note}.", soft_wrap=True)
+            out.print(f"Address {one.address}: {one.note}.")
     rates = {(one.baudrate, one.format) for one in scan.found}
     if len(rates) > 1:
-        out.print("They are at different rates: one pair has one. rs485bus setup changes a drive's.", soft_wrap=True)
+        out.print("They are at different rates: one pair has one. rs485bus setup changes a drive's.")
 
 
 def _table(found: list[Found]) -> Table:

@@ -159,7 +159,7 @@ def tell(error: Exception) -> int:
     told = [cause for cause in causes if not isinstance(cause, BrokenPipeError)]
     if len(told) < len(causes):
         nobody_reads()
-    errors = Console(stderr=True, highlight=False, soft_wrap=True)
+    errors = Console(stderr=True, highlight=False, width=None if sys.stderr.isatty() else _PIPE_WIDTH)
     for text in dict.fromkeys(_words(cause) for cause in told):
         errors.print(text)
     for note in dict.fromkeys(note for cause in told for note in getattr(cause, "__notes__", ())):

@@ -119,7 +119,7 @@ async def run_read(where: Where, bus_name: str | None, what: What, every: float 
                 _advise(error, what)
                 if every is None:
                     raise
-                console().print(f"{type(error).__name__}: {error}", soft_wrap=True)
+                console().print(f"{type(error).__name__}: {error}")
             else:
                 _print(what, values, as_json)
             if every is None:

@@ -96,10 +96,9 @@ class SetUp:
             self.out.print(
                 f"There is more than one drive: {there}. Take all but one off the pair, or name it with --address and "
                 "--baudrate if they differ.",
-                soft_wrap=True,
             )
             return None
-        self.out.print(NOTHING, soft_wrap=True)
+        self.out.print(NOTHING)
         self.out.print("An MKS drive that does not speak Modbus yet is made to by --modbus-on.")
         return None
 
@@ -141,7 +140,7 @@ class SetUp:
         return agrees(f"{text} Is that done?")
 
     def _say(self, result: Provisioned) -> None:
-        self.out.print(str(result), soft_wrap=True)
+        self.out.print(str(result))
 
     def _agrees(self, question: str, otherwise: str) -> bool:
         if self.yes or agrees(question):

@@ -87,9 +87,9 @@ def _agrees(drive: PlantDrive, questions: list[Question], yes: bool, out: Consol
 
 def _say(result: Result, out: Console) -> None:
     if result.answer is None:
-        out.print(f"  [red]{result.question.name}: not known.[/red] {result.error}", soft_wrap=True)
+        out.print(f"  [red]{result.question.name}: not known.[/red] {result.error}")
     else:
-        out.print(f"  {result.question.name}: {result.answer.words}", soft_wrap=True)
+        out.print(f"  {result.question.name}: {result.answer.words}")
 
 
 def _is_sound(result: Result) -> bool:

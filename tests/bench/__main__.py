@@ -1,4 +1,4 @@
-"""`python -m tests.bench 50`: have verify find the options of so many virtual drives of each family, drawn at random.
+"""`python -m tests.bench 50`: verify and tune find the options of so many virtual drives and pairs, drawn at random.
 
 `python -m tests.bench mks 17` does one of them again.
 """
@@ -8,7 +8,10 @@ import random
 import sys
 
 from rs485bus.sim import VirtualClockLoop
-from tests.bench.test_verify import CHECKS
+from tests.bench.test_tune import check_tune
+from tests.bench.test_verify import CHECKS as VERIFIED
+
+CHECKS = {**VERIFIED, "tune": check_tune}
 
 
 def main() -> int:

@@ -6,7 +6,7 @@ import itertools
 import pytest
 
 from rs485bus.bench.first_file import first_plant_file
-from rs485bus.bench.scan import ADDRESSES, RATES, Format, Found, Scan
+from rs485bus.bench.scan import ADDRESSES, RATES, Format, Found, Progress, Scan
 from rs485bus.cli.find import parse_addresses
 from rs485bus.devices import mks, tlr, zlac
 from rs485bus.errors import PortError
@@ -150,3 +150,21 @@ def test_addresses_are_read_as_people_write_them() -> None:
     for wrong in ("", "a", "0", "240-250", "5-1", "1-"):
         with pytest.raises(ValueError, match="addresses"):
             parse_addresses(wrong)
+
+
+@virtual
+async def test_drives_as_shipped_are_found_at_once_whatever_their_rate() -> None:
+    when: list[float] = []
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+
+    def tell(progress: Progress) -> None:
+        while len(when) < len(progress.found):
+            when.append(loop.time() - began)
+
+    found = await scan(
+        at(SimMks(1), 128000), at(SimMks(200), 128000), baudrates=RATES[:3] + RATES[-1:], tell=tell
+    ).run()
+    assert seen(found) == [(1, "mks", 128000), (200, "mks", 128000)]
+    assert when[0] < 5  # long before all addresses were asked at the first rate
+    assert when[1] < when[0] + 10  # where somebody is, others are looked for first

@@ -11,18 +11,21 @@ from rs485bus.cli.commands import COMMANDS
 from rs485bus.cli.lazy import load
 from tests.cli.support import invoke
 
-HEAVY = ("pymodbus", "tomlkit", "textual", "matplotlib", "rs485bus.bus", "rs485bus.sim")
+HEAVY = (
+    *("pymodbus", "pydantic", "tomlkit", "textual", "matplotlib"),
+    *("rs485bus.bus", "rs485bus.sim", "rs485bus.cli.process"),
+)
 
 EVERY_HELP = """
 import contextlib, io, json, sys
 from rs485bus.cli.commands import COMMANDS
-from rs485bus.cli.app import app
+from rs485bus.cli.app import main
 loaded = {}
 for name in ("", *COMMANDS):
     before = set(sys.modules)
     with contextlib.redirect_stdout(io.StringIO()) as said:
         with contextlib.suppress(SystemExit):
-            app([name, "--help"] if name else ["--help"])
+            main([name, "--help"] if name else ["--help"])
     loaded[name] = [len(said.getvalue()), sorted(set(sys.modules) - before if name else set(sys.modules))]
 print(json.dumps(loaded))
 """
@@ -80,3 +83,11 @@ def test_the_json_schema_knows_the_options_of_each_family() -> None:
     assert "SR_VFOC" in mks["properties"]["mode"]["enum"]
     assert zlac["properties"]["side"] == {"enum": ["left", "right"]}
     assert "watchdog" not in tlr["properties"]
+
+
+@pytest.mark.parametrize("asks", ["-h", "--help"])
+def test_help_is_asked_for_in_either_way(asks: str) -> None:
+    for arguments in (("axis", asks), ("settings", "read", asks), (asks,)):
+        result = invoke(*arguments)
+        assert result.returncode == 0, result.said
+        assert "Usage:" in result.said

@@ -27,6 +27,11 @@ COMMANDS: dict[str, LazyCommand] = {
     "axis": LazyCommand(
         "rs485bus.cli.commands.axis:app", "Have one axis do one thing, and wait until it is done.", MOVE
     ),
+    "group": LazyCommand(
+        "rs485bus.cli.commands.group:app",
+        "Have the axes of a group do one thing together: they start together and arrive together.",
+        MOVE,
+    ),
     "estop": LazyCommand(
         "rs485bus.cli.commands.estop:estop",
         "Stop every drive as fast as it can, and say which were seen to stand.",

@@ -8,6 +8,8 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
+from rs485bus.errors import NotSupported
+
 _EVERY = 0.05
 
 
@@ -17,10 +19,14 @@ async def set_points(axis: Any, timeout: float) -> AsyncIterator[Callable[[float
 
     It is `axis.stream`, where the axis has it.
     """
-    if hasattr(axis, "stream"):
-        async with axis.stream(timeout=timeout) as setpoint:
+    async with contextlib.AsyncExitStack() as stack:
+        try:
+            setpoint = await stack.enter_async_context(axis.stream(timeout=timeout))
+        except NotSupported:
+            setpoint = None
+        if setpoint is not None:
             yield setpoint
-        return
+            return
     stream = _Runs(axis, timeout)
     task = asyncio.create_task(stream.follow())
 

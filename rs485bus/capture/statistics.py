@@ -70,17 +70,18 @@ def summarise(capture: Capture) -> Summary:
             by_purpose[exchange.urgency] = by_purpose.get(exchange.urgency, 0) + 1
         _count(unit, exchange)
     span = end - begin
+    load = sum(unit.airtime for unit in units.values()) / span if span else 0.0
     whole = [share for second, share in seconds.items() if second + 1 <= span]
     return Summary(
         seconds=span,
         frames=sum(bool(each.request) + bool(each.reply) for each in capture.exchanges),
-        load=sum(unit.airtime for unit in units.values()) / span if span else 0.0,
+        load=load,
         units=dict(sorted(units.items())),
         by_purpose=by_purpose,
         stray_bytes=stray,
         unasked=unasked,
         dropped=capture.dropped,
-        busiest=min(1.0, max(whole, default=0.0)),
+        busiest=min(1.0, max([load, *whole])),
     )
 
 

@@ -6,6 +6,7 @@ So nothing is said twice: what a question for the position costs is what the fac
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.watchdog.reckoning import SHARE
+from rs485bus.errors import NotSupported
 from rs485bus.plant import AxisEntry, Plant, PlantFile
 from rs485bus.sim import VirtualClockLoop
 
@@ -132,7 +134,10 @@ async def _learn(file: PlantFile, names: Sequence[str]) -> DriveTraffic:
         await asyncio.sleep(_WATCHED)
         moving = Counter(_frame(record) for record in records)
         records.clear()
-        set_points = [await _set_point(axis, records) for axis in axes if hasattr(axis, "stream")]
+        set_points = []
+        for axis in axes:
+            with contextlib.suppress(NotSupported):
+                set_points.append(await _set_point(axis, records))
         records.clear()
         for stop in [axis.stop() for axis in axes]:
             await stop

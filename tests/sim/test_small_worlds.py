@@ -60,7 +60,7 @@ def order_everywhere(patch: pytest.MonkeyPatch) -> None:
     ("name", "begin", "only", "depth", "removed", "found"),
     [
         ("stop", "", "23TR", 6, no_epochs, "older than a stop, and is sent after it"),
-        ("verified", "", "123T", 4, no_epochs, "older than a stop, and is sent after it"),
+        ("verified", "21", "3TR", 4, no_epochs, "older than a stop, and is sent after it"),
         ("burst", "", "123TR", 4, no_epochs, "older than a stop, and is sent after it"),
         ("two-reads", "", "12TDP", 7, no_waiting, "given the answer to another request"),
         ("gateway", "1TDT3TR", "12TDPR", 3, order_everywhere, "given the answer to another request"),

@@ -1,21 +1,29 @@
-"""A share of what `python -m rs485bus.sim.every_fault` runs in full."""
+"""A share of what `python -m rs485bus.sim.every_fault` and `python -m rs485bus.sim.long_motion` run in full."""
 
 import pytest
 
 from rs485bus.sim.campaigns.faults.campaign import try_all
 from rs485bus.sim.campaigns.faults.case import Case, bases, cases_of
 from rs485bus.sim.campaigns.faults.fault import FAULTS
+from rs485bus.sim.campaigns.faults.long import judged
 
-EVERY = 37
+EVERY = {"mks": 61, "zlac": 331, "tlr": 97, "together": 151}
 HARMLESS = {name for name, fault in FAULTS.items() if fault.harmless}
 
 
-@pytest.mark.parametrize("family", ["mks"])
+@pytest.mark.parametrize("family", list(EVERY))
 def test_a_share_of_the_harmless_faults_breaks_no_invariant(family: str) -> None:
-    cases = [case for base in bases(family, option="plain") for case in cases_of(base) if case.faults[0][0] in HARMLESS]
-    found = try_all(cases[::EVERY])
+    chosen = bases(family, option="plain")
+    cases = [case for base in chosen for case in cases_of(base) if case.faults[0][0] in HARMLESS][:: EVERY[family]]
+    found = try_all(cases)
     assert [(str(case), name, seen) for case, name, seen in found.failed] == []
-    assert found.runs > 50
+    assert found.runs > 30
+
+
+def test_some_seconds_of_a_mixed_plant_among_noise_break_no_invariant() -> None:
+    _, moves, _, wrong = judged(1, 0, 5.0)
+    assert wrong == []
+    assert moves > 20
 
 
 def test_a_run_has_a_command_that_runs_it_again() -> None:

@@ -53,8 +53,8 @@ def _all() -> Iterable[Fault]:
     )
     yield Fault(
         name="reply-late",
-        says="Its reply comes 0.2 s late, when others are served already.",
-        treatment=Treatment(delay=0.2),
+        says="Its reply comes 0.15 s late, when others are served already.",
+        treatment=Treatment(delay=0.15),
         harmless=True,
     )
     yield Fault(

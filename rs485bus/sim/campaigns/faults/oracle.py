@@ -166,7 +166,8 @@ def _asked_for(evidence: Evidence) -> Iterator[Finding]:
 def _hull(evidence: Evidence) -> Iterator[Finding]:
     for shaft in evidence.shafts.values():
         for leg in legs(evidence, shaft):
-            if leg.target is None or leg.start is None or leg.call.verb not in ("move_to", "move_by"):
+            began = leg.begun < leg.call.ended
+            if not began or leg.target is None or leg.start is None or leg.call.verb not in ("move_to", "move_by"):
                 continue
             low, high = sorted((leg.start, leg.target))
             for sample in shaft.between(leg.begun, min(leg.until, evidence.ended)):

@@ -97,7 +97,7 @@ def legs(evidence: Evidence, shaft: Shaft) -> Iterator[Leg]:
         elif call.verb in MOVING and call.verb != "retarget":
             last = _last_of(call, calls)
             begun = max(call.begun, free)
-            later = min((other.begun for other in moves if other.begun > call.begun), default=NEVER)
+            later = min((other.begun for other in moves[moves.index(call) + 1 :]), default=NEVER)
             until = later if call.ended == NEVER else max(later, call.ended)
             start = shaft.at(begun).position if not shaft.turns_at(begun) and last is call else None
             target = _target(last, shaft, zero, start if base is None else base)

@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Awaitable, Callable, Generator
 from typing import Any
 
+from rs485bus import MoveState
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError
 from rs485bus.sim.campaigns.faults.evidence import NEVER, Call
@@ -160,9 +161,11 @@ class RecordedHandle(RecordedAnswer):
         return getattr(self._real, name)
 
     def cancel(self) -> None:
-        """End a move. That is a call, too."""
+        """End a move. That is a call, too: one that waits leaves the queue, one under way stops the axis."""
         notes = self._who.notes
-        call = notes.begin(self._who, "cancel", (), {})
+        state: MoveState = self._real.state  # type: ignore[attr-defined] # a move
+        under_way = state in (MoveState.STARTING, MoveState.MOVING)
+        call = notes.begin(self._who, "cancel" if under_way else "take back", (), {})
         self._real.cancel()  # type: ignore[attr-defined] # a move
         notes.end(call)
 

@@ -29,7 +29,7 @@ _LONGEST = 60.0
 """Virtual seconds that a run may take beyond the one in which nothing goes wrong."""
 _GIVES_IN = 30.0
 _WALL = 30
-"""Seconds of the computer that a run may take."""
+"""Seconds of the processor that a run may take."""
 _POLL = 0.05
 _QUIET = Noise()
 
@@ -184,6 +184,10 @@ class World:
         axis = Recorded(
             self._calls, facade, names[0] if len(names) == 1 else f"{drive.family} {address}", names, **members
         )
+        reverse = options.get("reverse", False)
+        reverses = reverse if isinstance(reverse, tuple) else (reverse,) * len(names)
+        for shaft, is_reverse in zip(drive.shafts, reverses, strict=True):
+            shaft.sign = -1 if is_reverse else 1
         if "limits" in options:
             for shaft in drive.shafts:
                 shaft.limits = tuple(shaft.samples[0].position + end for end in options["limits"])
@@ -369,17 +373,17 @@ def _logged(evidence: Evidence, now: Any) -> Iterator[None]:
 @contextmanager
 def _alarm() -> Iterator[None]:
     """End a run that takes the computer too long, where the system can."""
-    if not hasattr(signal, "SIGALRM"):
+    if not hasattr(signal, "SIGVTALRM"):
         yield
         return
 
     def spins(*_: object) -> None:
         raise Spinning
 
-    former = signal.signal(signal.SIGALRM, spins)
-    signal.alarm(_WALL)
+    former = signal.signal(signal.SIGVTALRM, spins)
+    signal.setitimer(signal.ITIMER_VIRTUAL, _WALL)
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, former)
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, former)

@@ -1,5 +1,6 @@
 """`rs485bus scan`, as a user runs it."""
 
+import errno
 import json
 from pathlib import Path
 
@@ -55,3 +56,24 @@ def test_what_is_wrong_is_told_with_what_to_do(arguments: tuple[str, ...], code:
     assert words in result.said
     assert result.returncode == code
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("scan", "/dev/ttyUSB0", "-b", "9600"),
+        ("axis", "mks1", "status", "-b", "9600", "--mks", "1", "--port", "/dev/ttyUSB0"),
+        ("read", "1", "5", "-b", "9600", "--port", "/dev/ttyUSB0"),
+    ],
+)
+def test_a_port_that_may_not_be_opened_names_the_group_to_join(
+    command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*arguments: object, **settings: object) -> None:
+        raise OSError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("rs485bus.transport.serial._Port", refused)
+    result = invoke(*command)
+    assert result.returncode == 4
+    assert "You may not open /dev/ttyUSB0." in result.said
+    assert "sudo usermod -aG dialout" in result.said

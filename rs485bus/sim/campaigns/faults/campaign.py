@@ -19,13 +19,15 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 
-from rs485bus.sim.campaigns.faults.case import Case, bases, cases_of
+from rs485bus.sim.campaigns.faults.case import Case, bases, cases_of, pairs_of
 from rs485bus.sim.campaigns.faults.evidence import Evidence
 from rs485bus.sim.campaigns.faults.fault import FAULTS
 from rs485bus.sim.campaigns.faults.oracle import INVARIANTS
 from rs485bus.sim.campaigns.faults.scenario import SCENARIOS
 
 _CHUNK = 40
+_OPTIONS_SHARE = 10
+"""Drives that are not plain are tried with every tenth run, each scenario with other ones."""
 
 
 @dataclass(slots=True)
@@ -61,8 +63,11 @@ def plan(chosen: list[Case], faults: list[str], share: int = 1, offset: int = 0)
     """The runs, in pieces that one process carries out."""
     pieces = []
     for base in chosen:
+        plain = base.option == "plain"
+        every = share if plain else share * _OPTIONS_SHARE
         cases = [case for case in cases_of(base) if not faults or case.faults[0][0] in faults]
-        cases = ([base] if share == 1 and not faults else []) + cases[offset % share :: share]
+        cases += pairs_of(base) if plain and not faults else []
+        cases = ([base] if not faults else []) + cases[offset % every :: every]
         pieces += [cases[at : at + _CHUNK] for at in range(0, len(cases), _CHUNK)]
         offset += 7
     return pieces

@@ -63,7 +63,7 @@ class Case:
         evidence = self.run(plain.seconds)
         evidence.usual = dict(plain.usual)
         evidence.may_differ = self.script.may_differ
-        if all(FAULTS[name].harmless for name, _ in self.faults):
+        if len(self.faults) == 1 and FAULTS[self.faults[0][0]].harmless:
             evidence.expected = list(plain.ends)
         return evidence, judge(evidence)
 
@@ -108,6 +108,28 @@ def cases_of(base: Case) -> list[Case]:
         for frame in range(plain.frames)
         for fault in FAULTS.values()
         if families.get(plain.addressed[frame], base.family) in fault.only_for
+    ]
+
+
+_PAIRS = (
+    ("reply-lost", "reply-lost", 1_000),
+    ("request-lost", "reply-lost", 1_000),
+    ("restarted-after", "reply-lost", 6),
+    ("restarted-before", "request-lost", 6),
+)
+"""Two faults of one run, and how many frames the second one may be behind the first."""
+
+
+def pairs_of(base: Case) -> list[Case]:
+    """Two faults at every two frames of a short scenario; none of a longer one."""
+    if not base.script.short:
+        return []
+    frames = without_faults(base).frames
+    return [
+        replace(base, faults=((one, first), (other, second)))
+        for one, other, within in _PAIRS
+        for first in range(frames)
+        for second in range(first + 1, min(frames, first + within) + 1)
     ]
 
 

@@ -1,11 +1,11 @@
 """Three families on one pair: a closed-loop servo, a stepper with its own controller, and a pair of hub motors.
 
-python examples/mixed_bus.py                      # virtual drives
-python examples/mixed_bus.py /dev/ttyUSB0 115200
+python examples/mixed_bus.py                        # virtual drives
+python examples/mixed_bus.py --port /dev/ttyUSB0 --baudrate 115200
 """
 
+import argparse
 import asyncio
-import sys
 
 from rs485bus import MksServo, TlrStepper, Zlac8015d, open_bus
 from rs485bus.errors import NotSupported
@@ -35,7 +35,9 @@ async def main(port: str | VirtualLine, baudrate: int) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        asyncio.run(main(sys.argv[1], int(sys.argv[2])))
-    else:
-        asyncio.run(main(VirtualLine(SimMks(1), SimTlr(2), SimZlac(3), baudrate=115200), 115200))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--port", help="a serial port or a gateway; without, virtual drives")
+    parser.add_argument("--baudrate", type=int, default=115200)
+    given = parser.parse_args()
+    plant = VirtualLine(SimMks(1), SimTlr(2), SimZlac(3), baudrate=given.baudrate)
+    asyncio.run(main(given.port or plant, given.baudrate))

@@ -1,11 +1,11 @@
 """One axis: enable it, find its origin, move, ask where it is.
 
-python examples/one_axis.py                          # a virtual drive
-python examples/one_axis.py /dev/ttyUSB0 38400 1     # port, baud rate, address
+python examples/one_axis.py                        # virtual drives
+python examples/one_axis.py --port /dev/ttyUSB0 --baudrate 38400 --address 1
 """
 
+import argparse
 import asyncio
-import sys
 
 from rs485bus import MksServo, open_bus
 from rs485bus.sim import SimMks, VirtualLine
@@ -25,7 +25,10 @@ async def main(port: str | VirtualLine, baudrate: int, address: int) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        asyncio.run(main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])))
-    else:
-        asyncio.run(main(VirtualLine(SimMks(1), baudrate=38400), 38400, 1))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--port", help="a serial port or a gateway; without, virtual drives")
+    parser.add_argument("--baudrate", type=int, default=38400)
+    parser.add_argument("--address", type=int, default=1)
+    given = parser.parse_args()
+    plant = VirtualLine(SimMks(given.address), baudrate=given.baudrate)
+    asyncio.run(main(given.port or plant, given.baudrate, given.address))

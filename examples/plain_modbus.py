@@ -1,11 +1,11 @@
 """Plain Modbus to a foreign device beside the drives, directly and through pymodbus' own client methods.
 
-python examples/plain_modbus.py                          # a virtual sensor
-python examples/plain_modbus.py /dev/ttyUSB0 9600 7      # port, baud rate, address
+python examples/plain_modbus.py                        # virtual drives
+python examples/plain_modbus.py --port /dev/ttyUSB0 --baudrate 9600 --address 7
 """
 
+import argparse
 import asyncio
-import sys
 
 from rs485bus import Repeat, Urgency, open_bus
 from rs485bus.compat import BusClient
@@ -37,8 +37,12 @@ async def main(port: str | VirtualLine, baudrate: int, address: int) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        asyncio.run(main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])))
-    else:
-        plant = VirtualLine(SimUnit(7, {register: 10 * register for register in range(8)}), baudrate=9600)
-        asyncio.run(main(plant, 9600, 7))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--port", help="a serial port or a gateway; without, virtual drives")
+    parser.add_argument("--baudrate", type=int, default=9600)
+    parser.add_argument("--address", type=int, default=7)
+    given = parser.parse_args()
+    plant = VirtualLine(
+        SimUnit(given.address, {register: 10 * register for register in range(8)}), baudrate=given.baudrate
+    )
+    asyncio.run(main(given.port or plant, given.baudrate, given.address))

@@ -1,11 +1,11 @@
 """Three axes on one pair: home all at once, move together, and stop all if one fails.
 
-python examples/three_axes.py                    # virtual drives
-python examples/three_axes.py /dev/ttyUSB0 38400
+python examples/three_axes.py                        # virtual drives
+python examples/three_axes.py --port /dev/ttyUSB0 --baudrate 38400
 """
 
+import argparse
 import asyncio
-import sys
 
 from rs485bus import MksServo, open_bus
 from rs485bus.sim import SimMks, VirtualLine
@@ -31,7 +31,9 @@ async def main(port: str | VirtualLine, baudrate: int) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        asyncio.run(main(sys.argv[1], int(sys.argv[2])))
-    else:
-        asyncio.run(main(VirtualLine(*(SimMks(address) for address in (1, 2, 3)), baudrate=38400), 38400))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--port", help="a serial port or a gateway; without, virtual drives")
+    parser.add_argument("--baudrate", type=int, default=38400)
+    given = parser.parse_args()
+    plant = VirtualLine(*(SimMks(address) for address in (1, 2, 3)), baudrate=given.baudrate)
+    asyncio.run(main(given.port or plant, given.baudrate))

@@ -1,12 +1,12 @@
 """A vehicle on two hub motors: drive it by speed and turn, and know where it is.
 
-python examples/vehicle.py                      # a virtual drive
-python examples/vehicle.py /dev/ttyUSB0 115200
+python examples/vehicle.py                        # virtual drives
+python examples/vehicle.py --port /dev/ttyUSB0 --baudrate 115200
 """
 
+import argparse
 import asyncio
 import math
-import sys
 
 from rs485bus import DifferentialDrive, Zlac8015d, open_bus
 from rs485bus.sim import SimZlac, VirtualLine
@@ -33,7 +33,9 @@ async def main(port: str | VirtualLine, baudrate: int) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        asyncio.run(main(sys.argv[1], int(sys.argv[2])))
-    else:
-        asyncio.run(main(VirtualLine(SimZlac(1), baudrate=115200), 115200))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--port", help="a serial port or a gateway; without, virtual drives")
+    parser.add_argument("--baudrate", type=int, default=115200)
+    given = parser.parse_args()
+    plant = VirtualLine(SimZlac(1), baudrate=given.baudrate)
+    asyncio.run(main(given.port or plant, given.baudrate))

@@ -1,11 +1,11 @@
 """Watchdogs: while the block runs the drives are fed; if the program dies, they stop by themselves.
 
-python examples/watchdog.py                    # virtual drives
-python examples/watchdog.py /dev/ttyUSB0 38400
+python examples/watchdog.py                        # virtual drives
+python examples/watchdog.py --port /dev/ttyUSB0 --baudrate 38400
 """
 
+import argparse
 import asyncio
-import sys
 
 from rs485bus import MksServo, open_bus
 from rs485bus.sim import SimMks, VirtualLine
@@ -32,7 +32,9 @@ async def main(port: str | VirtualLine, baudrate: int) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        asyncio.run(main(sys.argv[1], int(sys.argv[2])))
-    else:
-        asyncio.run(main(VirtualLine(SimMks(1), SimMks(2), baudrate=38400), 38400))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--port", help="a serial port or a gateway; without, virtual drives")
+    parser.add_argument("--baudrate", type=int, default=38400)
+    given = parser.parse_args()
+    plant = VirtualLine(SimMks(1), SimMks(2), baudrate=given.baudrate)
+    asyncio.run(main(given.port or plant, given.baudrate))

@@ -28,6 +28,10 @@ def __getattr__(name: str) -> Any:
     """The blocking face of a class of the same name: `blocking.MksServo(bus, 1)`."""
     import rs485bus
 
+    if name == "Plant":
+        from rs485bus.blocking.plant import Plant
+
+        return Plant
     if name in _ROOTS:
         return face_class(getattr(rs485bus, name))
     face = None if name.startswith("_") else face_named(name, [getattr(rs485bus, root) for root in _ROOTS])

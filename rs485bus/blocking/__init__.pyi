@@ -34,6 +34,7 @@ from rs485bus.motion.joint import Part
 from rs485bus.motion.move import MoveState
 from rs485bus.motion.plan import Plan
 from rs485bus.motion.sample import AxisSample
+from rs485bus.plant import PlantFile
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
 from rs485bus.wire.private import Reply
@@ -372,6 +373,14 @@ class Bus:
         ...
     def vehicle(self, zlac: Zlac8015d, wheel_radius: float, track: float, **settings: Any) -> DifferentialDrive:
         """A vehicle on the two wheels of a ZLAC8015D. Arguments and errors are those of `DifferentialDrive`."""
+        ...
+    def timeline(self) -> Any:
+        """A picture of the latest 256 transactions, as a matplotlib figure: who was asked when, latency, load, axes.
+
+        Raises:
+            ValueError: nothing happened yet.
+            ModuleNotFoundError: matplotlib is missing: pip install "rs485bus[plot]".
+        """
         ...
     def close(self, *, leave_running: bool | None = None) -> None:
         """Stop every axis that may move, see it stand, release the watchdogs, close the port. Ctrl-C waits for it.
@@ -1784,3 +1793,33 @@ class ZlacWheel(Axis):
     def was_interrupted(self, unheard: float, reason: str) -> None:
         """The bus stopped the drive for safety, or lost it."""
         ...
+
+class Plant:
+    """The buses, axes, groups and the vehicle of a plant file, open while a block runs.
+
+        with blocking.Plant.load("plant.toml") as plant:
+            plant.x.home().wait()
+
+    As `rs485bus.Plant` otherwise.
+
+    Args:
+        file: what it is.
+        sim: put virtual drives on virtual lines instead of opening ports.
+        watchdogs: guard the axes whose entries say so.
+    """
+    def __init__(self, file: PlantFile, *, sim: bool = False, watchdogs: bool = True) -> None:
+        ...
+    def emergency_stop(self) -> dict[str, EmergencyReport]:
+        """Stop every drive on every bus at once. Returns the reports, by the names of the buses."""
+        ...
+    @classmethod
+    def load(cls, path: str | PathLike[str], *, sim: bool = False, watchdogs: bool = True) -> Self:
+        """Read a plant file. Arguments as for the class.
+
+        Raises:
+            PlantFileError: it has mistakes. The message says where, and what to do.
+        """
+        ...
+    def __getattr__(self, name: str) -> Any: ...
+    def __enter__(self) -> Self: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...

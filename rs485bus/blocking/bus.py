@@ -7,10 +7,10 @@ import weakref
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal
 
-from rs485bus.blocking.display import table
+from rs485bus.blocking.display import show_figures, table
 from rs485bus.blocking.interrupts import blocks, calls, interrupts
 from rs485bus.blocking.mirror import Face, face_class, register
-from rs485bus.blocking.opened import Opened
+from rs485bus.blocking.opened import OpenedBus
 from rs485bus.bus.bus import Bus as AsyncBus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.opening import open_bus as open_async_bus
@@ -49,7 +49,7 @@ def open_bus(
     )
     calls.depth += 1
     try:
-        bus = Bus._on(Opened(opening))
+        bus = Bus._on(OpenedBus(opening))
     finally:
         calls.depth -= 1
         if calls.pressed and not calls.depth:
@@ -63,13 +63,13 @@ class Bus(_BusFace):
     Any thread may call it. Ctrl-C stops its axes before it is raised in the main thread.
     """
 
-    _opened: Opened
+    _opened: OpenedBus
 
     def __init__(self) -> None:
         raise TypeError("A bus is opened: rs485bus.blocking.open_bus(port, baudrate=...)")
 
     @classmethod
-    def _on(cls, opened: Opened) -> Bus:
+    def _on(cls, opened: OpenedBus) -> Bus:
         bus = cls.__new__(cls)
         bus._opened = opened
         bus._adopt(opened.bus, opened.loop, None)
@@ -110,13 +110,31 @@ class Bus(_BusFace):
 
         return face_class(DifferentialDrive)(zlac, wheel_radius, track, **settings)
 
+    def timeline(self) -> Any:
+        """A picture of the latest 256 transactions, as a matplotlib figure: who was asked when, latency, load, axes.
+
+        Raises:
+            ValueError: nothing happened yet.
+            ModuleNotFoundError: matplotlib is missing: pip install "rs485bus[plot]".
+        """
+        from rs485bus.capture.reading import capture_of
+
+        try:
+            from rs485bus.capture.figures import timeline
+        except ModuleNotFoundError as missing:
+            missing.add_note('a timeline needs matplotlib: pip install "rs485bus[plot]"')
+            raise
+        figure = timeline(self._loop.call(capture_of, self._inner))
+        show_figures()
+        return figure
+
     def close(self, *, leave_running: bool | None = None) -> None:
         """Stop every axis that may move, see it stand, release the watchdogs, close the port. Ctrl-C waits for it.
 
         Args:
             leave_running: leave motors turning; None for what the configuration says.
         """
-        self._opened.close(leave_running)
+        self._opened.close(leave_running=leave_running)
 
     def __enter__(self) -> Bus:
         return self

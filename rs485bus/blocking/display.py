@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass
 from html import escape
 from typing import Any
 
+from rs485bus.blocking.interrupts import in_kernel
 from rs485bus.errors import BusError
 
 
@@ -30,6 +31,15 @@ def table(title: str, rows: dict[str, str]) -> str:
     )
     body = "".join(f"<tr>{row}</tr>" for row in cells)
     return f"<table><caption>{escape(title)}</caption>{body}</table>"
+
+
+def show_figures() -> None:
+    """Have a notebook show a figure that is the last line of a cell."""
+    if in_kernel():
+        from IPython.core.getipython import get_ipython
+        from IPython.core.pylabtools import select_figure_formats
+
+        select_figure_formats(get_ipython(), {"png"})  # type: ignore[no-untyped-call] # IPython leaves it untyped
 
 
 def _text(value: object) -> str:

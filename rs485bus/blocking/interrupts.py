@@ -7,11 +7,13 @@ blocking face it is put off until the call can be left without anything half don
 
 from __future__ import annotations
 
+import _weakrefset
 import asyncio
 import contextlib
 import signal
 import sys
 import threading
+import weakref
 from collections.abc import Callable
 from types import CodeType, FrameType
 from typing import Any, Protocol
@@ -34,11 +36,20 @@ blocks: set[CodeType] = set()
 """The code of the methods that leave a block. Ctrl-C at their first instruction must not keep them from doing so."""
 
 
+_FINALIZERS = ("__del__", "_asyncgen_finalizer_hook", "forgotten")
+"""Functions, by name, out of which no exception comes."""
+_CALLBACKS = (weakref.__file__, _weakrefset.__file__)
+"""Modules whose functions are called when something was let go of."""
+
+
 class Stoppable(Protocol):
     """An open bus, as Ctrl-C sees it."""
 
     def stop_soon(self) -> None:
         """Have all its axes stopped. Called from a signal handler: it waits for nothing."""
+
+    def press_again(self) -> None:
+        """Have Ctrl-C come again, soon. Called from a signal handler."""
 
     def see_standing(self, give_up: Callable[[], bool]) -> None:
         """Wait until they were seen standing, in bounded time, or until `give_up` says so."""
@@ -130,6 +141,8 @@ class _Interrupts:
         if calls.depth or _leaves_a_block(frame):
             calls.pressed += 1
             self._put_off = hand_on
+        elif self._buses and _would_be_lost(frame):
+            self._buses[0].press_again()
         else:
             hand_on()
 
@@ -137,6 +150,15 @@ class _Interrupts:
 def _leaves_a_block(frame: FrameType | None) -> bool:
     """Whether a block is about to be left, and nothing of that was done yet."""
     return frame is not None and frame.f_code in blocks and frame.f_lineno == frame.f_code.co_firstlineno
+
+
+def _would_be_lost(frame: FrameType | None) -> bool:
+    """Whether Python ignores what is raised here: something is just being let go of."""
+    while frame is not None:
+        if frame.f_code.co_name in _FINALIZERS or frame.f_code.co_filename in _CALLBACKS:
+            return True
+        frame = frame.f_back
+    return False
 
 
 interrupts = _Interrupts()

@@ -43,6 +43,7 @@ class Call:
     def begin(self, waited_for: set[Call]) -> None:
         """Call it. In the loop's thread."""
         self._waited_for = waited_for
+        waited_for.add(self)
         try:
             result = self._function(*self._arguments, **self._keywords)
         except BaseException as error:
@@ -114,7 +115,7 @@ class LoopThread:
         begun = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(begun,), name="rs485bus", daemon=True)
         self._waited_for: set[Call] = set()
-        """Calls on their way, each put in by whoever waits for it. The loop's thread takes it out."""
+        """Calls on their way. Only the loop's thread looks at it."""
         self._thread.start()
         begun.wait()
 
@@ -138,7 +139,6 @@ class LoopThread:
 
     def begin(self, call: Call) -> bool:
         """Begin a call, and wait for nothing. False where the loop has ended."""
-        self._waited_for.add(call)
         return self.post(call.begin, self._waited_for)
 
     def call(self, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
@@ -186,7 +186,6 @@ class LoopThread:
                 call.ended.acquire(True, _GIVING_UP)
                 raise
         finally:
-            self._waited_for.discard(call)
             calls.depth -= 1
             if calls.pressed and not calls.depth:
                 interrupts.take_effect()

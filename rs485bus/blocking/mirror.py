@@ -7,7 +7,6 @@ drift; what type checkers read is `__init__.pyi`, which a test holds against the
 
 from __future__ import annotations
 
-import asyncio
 import functools
 import inspect
 import weakref
@@ -196,7 +195,7 @@ def _is_awaited(cls: type[Any]) -> bool:
 
 
 class Stream(Iterator[Any]):
-    """The blocking face of an asynchronous iterator. `close()` ends it; so does letting go of it."""
+    """The blocking face of an asynchronous iterator. `close()` ends it; so does letting go of it, by asyncio."""
 
     _END = object()
 
@@ -213,9 +212,6 @@ class Stream(Iterator[Any]):
     def close(self) -> None:
         """End it: whatever it asks for is asked no more."""
         self._source._loop.call(self._end)
-
-    def __del__(self) -> None:
-        self._source._loop.post(lambda: asyncio.ensure_future(self._end()))
 
     async def _step(self) -> Any:
         try:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import _thread
 import asyncio
 import atexit
 import contextlib
 import os
 import warnings
 from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import Any
 
@@ -16,40 +18,125 @@ from rs485bus.blocking.interrupts import interrupts
 from rs485bus.blocking.loop import Call, shared_loop
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.bus.opening import Opening
 from rs485bus.errors import AddressInUse, BusError
+
+_STANDING = 5.0
+"""Seconds for which Ctrl-C waits until all axes are seen standing: as long as closing a bus may take."""
 
 
 class Opened:
-    """A bus that was opened in the loop's thread.
+    """Something with axes that was opened in the loop's thread.
 
     Args:
-        opening: opens it.
+        manager: opens it when it is entered, and closes it when it is left.
 
     Raises:
         PortError: it cannot be opened.
     """
 
-    def __init__(self, opening: Opening) -> None:
+    def __init__(self, manager: AbstractAsyncContextManager[Any]) -> None:
         self.axes: list[Any] = []
         """Those to be stopped by Ctrl-C."""
-        self._made: dict[tuple[type, int], tuple[Any, dict[str, Any]]] = {}
-        """Axes by their families and addresses, with the settings that they were made with."""
-        self._block = Block(opening)
+        self._block = Block(manager)
         self._stops: list[Handle[Any]] = []
         self._process = os.getpid()
         self._closed = False
-        interrupts.add(self)  # from here on Ctrl-C is put off until the bus is open
+        interrupts.add(self)  # from here on Ctrl-C is put off until it is open
         self.loop = shared_loop.borrow()
         atexit.register(self.close)
         try:
-            self.bus: Bus = self.loop.carry_out(Call(self._block.enter, (), {}))
+            self._inner = self.loop.carry_out(Call(self._block.enter, (), {}))
         except BaseException as error:
             if self._block.entered:
                 self.leave(type(error), error, error.__traceback__)
             else:
                 self._end()
             raise
+
+    def leave(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close it as a block does: after queued moves, or at once where the block is left by an exception."""
+        if not self._closed:
+            try:
+                self.loop.carry_out(Call(self._block.leave, (kind, error, trace), {}), patient=True)
+            finally:
+                self._end()
+
+    def close(self, **how: Any) -> None:
+        """Close it now: stop every axis that may move, see it stand, release the watchdogs."""
+        if not self._closed and self._process == os.getpid():
+            try:
+                self.loop.carry_out(Call(self._close, (), how), patient=True)
+            finally:
+                self._end()
+
+    def forgotten(self) -> None:
+        """Nobody has it any more, and nobody closed it. From whichever thread: nothing is waited for."""
+        if self._closed or self._process != os.getpid():
+            return
+        self._closed = True
+        interrupts.remove(self)
+        atexit.unregister(self.close)
+        self.loop.begin(Call(self._close_and_give_back, (), {}))
+        warnings.warn(f"{self._inner!r} was not closed", ResourceWarning, stacklevel=2)
+
+    def stop_soon(self) -> None:
+        """Have all axes stopped. From a signal handler."""
+        if self.axes:
+            self.loop.post(self._stop)
+
+    def press_again(self) -> None:
+        """Have Ctrl-C come again, soon. From a signal handler."""
+        self.loop.post(_thread.interrupt_main)
+
+    def see_standing(self, give_up: Callable[[], bool]) -> None:
+        """Wait until the stops of Ctrl-C are confirmed, no longer than closing would take."""
+        if not self.axes:
+            return
+        with contextlib.suppress(BusError, TimeoutError):
+            self.loop.carry_out(Call(self._stand, (), {}), patient=True, give_up=give_up)
+
+    def _stop(self) -> None:
+        self._stops.clear()
+        for axis in self.axes:
+            with contextlib.suppress(BusError):  # it is closed
+                self._stops.append(axis.stop())
+
+    async def _stand(self) -> None:
+        stops = [asyncio.ensure_future(stop.wait()) for stop in self._stops]
+        if stops:
+            await asyncio.wait(stops, timeout=_STANDING)
+        for stop in stops:
+            stop.cancel()
+
+    def _end(self) -> None:
+        self._closed = True
+        interrupts.remove(self)
+        atexit.unregister(self.close)
+        shared_loop.give_back(self.loop)
+
+    async def _close(self) -> None:
+        await self._block.leave(GeneratorExit, GeneratorExit(), None)
+
+    async def _close_and_give_back(self) -> None:
+        try:
+            await self._close()
+        finally:
+            shared_loop.give_back(self.loop)
+
+
+class OpenedBus(Opened):
+    """A bus, and the axes that were made on it."""
+
+    def __init__(self, manager: AbstractAsyncContextManager[Bus]) -> None:
+        self._made: dict[tuple[type, int], tuple[Any, dict[str, Any]]] = {}
+        """By their families and addresses, with the settings that they were made with."""
+        super().__init__(manager)
+
+    @property
+    def bus(self) -> Bus:
+        """The bus, which belongs to the loop's thread."""
+        bus: Bus = self._inner
+        return bus
 
     def make(self, cls: type, *arguments: Any, **keywords: Any) -> Any:
         """An instance of a class. In the loop's thread."""
@@ -74,71 +161,8 @@ class Opened:
             )
         return axis
 
-    def leave(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close it as a block does: after queued moves, or at once where the block is left by an exception."""
-        if not self._closed:
-            try:
-                self.loop.carry_out(Call(self._block.leave, (kind, error, trace), {}), patient=True)
-            finally:
-                self._end()
-
-    def close(self, leave_running: bool | None = None) -> None:
-        """Close it now: stop every axis that may move, see it stand, release the watchdogs."""
-        if not self._closed and self._process == os.getpid():
-            try:
-                self.loop.carry_out(Call(self._close, (leave_running,), {}), patient=True)
-            finally:
-                self._end()
-
-    def forgotten(self) -> None:
-        """Nobody has it any more, and nobody closed it. From whichever thread: nothing is waited for."""
-        if self._closed or self._process != os.getpid():
-            return
-        self._closed = True
-        interrupts.remove(self)
-        atexit.unregister(self.close)
-        self.loop.begin(Call(self._close_and_give_back, (), {}))
-        warnings.warn(f"a bus on {self.bus.port} was not closed: bus.close()", ResourceWarning, stacklevel=2)
-
-    def stop_soon(self) -> None:
-        """Have all axes stopped. From a signal handler."""
-        if self.axes:
-            self.loop.post(self._stop)
-
-    def see_standing(self, give_up: Callable[[], bool]) -> None:
-        """Wait until the stops of Ctrl-C are confirmed, no longer than closing would take."""
-        if not self.axes:
-            return
-        with contextlib.suppress(BusError, TimeoutError):
-            self.loop.carry_out(Call(self._stand, (), {}), patient=True, give_up=give_up)
-
-    def _stop(self) -> None:
-        self._stops.clear()
-        for axis in self.axes:
-            with contextlib.suppress(BusError):  # it is closed
-                self._stops.append(axis.stop())
-
-    async def _stand(self) -> None:
-        stops = [asyncio.ensure_future(stop.wait()) for stop in self._stops]
-        if stops:
-            await asyncio.wait(stops, timeout=self.bus.config.close_timeout)
-        for stop in stops:
-            stop.cancel()
-
-    def _end(self) -> None:
-        self._closed = True
-        interrupts.remove(self)
-        atexit.unregister(self.close)
-        shared_loop.give_back(self.loop)
-
-    async def _close(self, leave_running: bool | None) -> None:
+    async def _close(self, leave_running: bool | None = None) -> None:
         try:
             await self.bus.aclose(leave_running=leave_running)
         finally:
-            await self._block.leave(GeneratorExit, GeneratorExit(), None)
-
-    async def _close_and_give_back(self) -> None:
-        try:
-            await self._close(None)
-        finally:
-            shared_loop.give_back(self.loop)
+            await super()._close()

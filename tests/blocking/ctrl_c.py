@@ -27,7 +27,7 @@ from rs485bus.errors import MotionError
 from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
 from tests.blocking.support import virtual_time
 
-HANGS = 20.0
+HANGS = 60.0
 """Seconds after which a script is taken to hang."""
 
 

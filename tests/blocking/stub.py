@@ -78,6 +78,7 @@ class Stub:
         for name in ("Bus", *_ROOTS):
             self._need(getattr(rs485bus, name))
         opening = self._function("rs485bus.blocking.bus", face.open_bus, "")
+        self._plant()
         while missing := [name for name in self.classes if name not in self._text]:
             for name in missing:
                 self._text[name] = self._class(self.classes[name])
@@ -86,6 +87,7 @@ class Stub:
         for cls in sorted(self.classes.values(), key=lambda cls: cls.__name__):
             order += [base for base in reversed(cls.__mro__) if base in self.classes.values() and base not in order]
         parts += [self._text[cls.__name__] for cls in order]
+        parts.append(self._plant())
         return "\n".join((*self._head(), "", *parts))
 
     def _head(self) -> list[str]:
@@ -160,6 +162,8 @@ class Stub:
             return name
         if value is face.Bus:
             return self._need(Bus)
+        if name == "Plant":
+            return name
         if isinstance(value, type) and lives(value):
             return self._need(value)
         return self._import(name, source, original)
@@ -261,6 +265,18 @@ class Stub:
         head = f"{indent}def {name or function.__name__}({', '.join(parameters)}) -> {returns}:"
         return "\n".join((head, *_docs(function.__doc__, indent + "    "), f"{indent}    ..."))
 
+    def _plant(self) -> str:
+        """The plant, which has a face of its own: its axes are known when its file is read."""
+        from rs485bus.blocking.plant import Plant
+
+        lines = ["class Plant:", *_docs(Plant.__doc__, "    ")]
+        lines += [
+            self._function(Plant.__module__, vars(Plant)[name], "    ") for name in ("__init__", "emergency_stop")
+        ]
+        lines += ["    @classmethod", self._function(Plant.__module__, vars(Plant)["load"].__func__, "    ")]
+        lines += ["    def __getattr__(self, name: str) -> Any: ...", "    def __enter__(self) -> Self: ...", *_EXIT]
+        return "\n".join(lines).replace("-> Plant", "-> Self") + "\n"
+
     def _makers(self) -> list[str]:
         """What a blocking bus has of its own."""
         lines = []
@@ -272,10 +288,10 @@ class Stub:
             docs = _docs(getattr(face.Bus, maker).__doc__, " " * 8)
             lines += [head, *docs, "        ..."]
             self._need(cls)
-        for name in ("group", "vehicle", "close"):
+        for name in ("group", "vehicle", "timeline", "close"):
             text = self._function("rs485bus.blocking.bus", getattr(face.Bus, name), "    ")
             lines.append(
-                text.replace("-> Any", {"group": "-> AxisGroup", "vehicle": "-> DifferentialDrive"}.get(name, ""))
+                text.replace("-> Any", {"group": "-> AxisGroup", "vehicle": "-> DifferentialDrive"}.get(name, "-> Any"))
                 .replace("axes: Face", "axes: Axis")
                 .replace("zlac: Face", "zlac: Zlac8015d")
             )

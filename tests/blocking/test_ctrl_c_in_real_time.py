@@ -95,6 +95,21 @@ def test_a_handler_that_raises_nothing_lets_the_call_go_on_after_the_stop() -> N
         signal.signal(signal.SIGINT, former)
 
 
+class Pressed:
+    """Ctrl-C comes while it is let go of."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_it_is_not_lost_where_python_ignores_what_is_raised(bus: blocking.Bus) -> None:
+    pressed: Pressed | None = Pressed()
+    with pytest.raises(KeyboardInterrupt):
+        pressed = None
+        time.sleep(5)
+    assert pressed is None
+
+
 def test_a_program_that_ignores_it_goes_on_ignoring_it() -> None:
     former = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

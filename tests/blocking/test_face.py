@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -217,3 +218,34 @@ def test_the_end_of_the_bus_ends_its_thread(line: VirtualLine) -> None:
     with blocking.open_bus(line):
         assert any(thread.name == "rs485bus" for thread in threading.enumerate())
     assert not any(thread.name == "rs485bus" for thread in threading.enumerate())
+
+
+def test_a_timeline_is_a_figure_of_the_latest_transactions(bus: blocking.Bus) -> None:
+    pytest.importorskip("matplotlib")
+    bus.mks(1).position()
+    figure = bus.timeline()
+    assert len(figure.axes) >= 3
+
+
+PLANT = """
+[buses.line]
+port = "/dev/ttyUSB0"
+baudrate = 115200
+
+[axes.x]
+bus = "line"
+family = "mks"
+address = 1
+watchdog = 1.0
+"""
+
+
+def test_a_plant_file_opens_its_buses_and_names_its_axes(tmp_path: Path) -> None:
+    pytest.importorskip("pydantic")
+    (tmp_path / "plant.toml").write_text(PLANT)
+    with blocking.Plant.load(tmp_path / "plant.toml", sim=True) as plant:
+        plant.x.enable()
+        plant.x.move_to(1).wait()
+        assert plant.x.position() == pytest.approx(1, abs=0.01)
+        (report,) = plant.emergency_stop().values()
+        assert report.all_standing

@@ -37,6 +37,7 @@ COMMANDS: dict[str, LazyCommand] = {
         "Stop every drive as fast as it can, and say which were seen to stand.",
         MOVE,
     ),
+    "guide": LazyCommand("rs485bus.cli.commands.guide:guide", "Show a page of the guide, or list the pages.", TRY),
     "jog": LazyCommand(
         "rs485bus.cli.commands.jog:jog",
         "Turn an axis while a key is held: arrows or a and d turn it, up and down change the speed, q ends it.",

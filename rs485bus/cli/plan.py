@@ -14,9 +14,6 @@ from rs485bus.planning.checking import check
 from rs485bus.planning.plan import BAUDRATES, PairPlan, at_baudrate, most_drives, plan, with_drives
 from rs485bus.plant import PlantFile
 
-_AGREES = 0.03
-"""By which part the plan may differ from the simulation."""
-
 
 def run_plan(path: Path, turnaround: float, picture: Path | None, compare: bool, json: bool, console: Console) -> int:
     """Plan a plant, and say whether it fits. Returns the exit code."""
@@ -32,7 +29,7 @@ def run_plan(path: Path, turnaround: float, picture: Path | None, compare: bool,
         rates = [at_baudrate(pair, file, baudrate) for baudrate in BAUDRATES]
         most = most_drives(pair, file)
         compared = check(pair, file) if compare else []
-        agrees = agrees and all(one.off <= _AGREES for one in compared)
+        agrees = agrees and all(one.agrees for one in compared)
         if json:
             told.append(_as_json(pair, rates, most, compared))
         else:
@@ -78,7 +75,7 @@ def _tell(pair: PairPlan, rates: list[PairPlan], most: int, compared: list[Any],
         "all moving": f"{pair.load_moving:.1%} load; the pair is taken {pair.busy_moving:.0%} of the time",
         "a stop waits": f"{1000 * pair.stop_wait:.1f} ms at the most, {1000 * pair.stop_wait_silent:.1f} ms behind a "
         f"drive that is silent; all are stopped {1000 * pair.stop_all:.0f} ms later",
-        "set-points": f"{pair.set_point_rate:.0f} times a second to each axis, beside supervision",
+        "set-points": f"about {pair.set_point_rate:.0f} times a second to each axis, where all are streamed at once",
         "it fits": "yes" if pair.fits else f"NO: {pair.problem}",
         "drives": f"up to {most} of these kinds fit at this rate",
     }
@@ -96,7 +93,7 @@ def _tell(pair: PairPlan, rates: list[PairPlan], most: int, compared: list[Any],
         )
     console.print(table)
     for one in compared:
-        verdict = "agrees" if one.off <= _AGREES else "DIFFERS"
+        verdict = "agrees" if one.agrees else "DIFFERS"
         console.print(
             f"{one.name}: planned {one.planned:.5g}, simulated {one.measured:.5g}: {verdict} ({one.off:.2%})",
             markup=False,

@@ -23,7 +23,7 @@ from rs485bus.monitor.thread import BusThread
 _EVERY = 0.2
 _WIDE = 110
 """Columns from which on the bytes stand beside their meaning."""
-_COLUMNS = ((" axis", 12), ("state", 8), ("position", 12), ("target", 9), ("rpm", 7), ("set", 6), ("watchdog", 11))
+_COLUMNS = ((" axis", 13), ("state", 8), ("position", 12), ("target", 9), ("rpm", 7), ("set", 6), ("watchdog", 11))
 _STYLES = {"moving": "bold green", "stands": "", "released": "dim", "unknown": "yellow"}
 
 

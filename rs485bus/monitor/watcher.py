@@ -13,12 +13,15 @@ from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.capture.traces import Trace
 from rs485bus.errors import BusError
 from rs485bus.monitor.snapshot import AxisSight, BusLedger, BusSight, Snapshot
+from rs485bus.motion.events import Event, EventKind
 from rs485bus.plant import Plant
 
 EVERY = 0.2
 """Seconds after which an axis is asked anew."""
 _TOO_SOON = 0.005
 """Seconds between two positions that tell no speed."""
+_NEWS = 30.0
+"""Seconds for which bad news is shown."""
 _OLD = 1.0
 """Seconds after which what is known of an axis is called old."""
 
@@ -79,6 +82,8 @@ class Watcher:
         self._known = {name: _Known() for name in axes}
         self._done: dict[str, str] = {}
         """What was last done to each axis from here."""
+        self._happened: dict[str, Event] = {}
+        """The latest event of each axis that is bad news."""
         self.stopped: set[str] = set()
         """Axes that were stopped from here."""
         self._tasks: set[asyncio.Task[None]] = set()
@@ -103,6 +108,7 @@ class Watcher:
             self._unsubscribe.append(bus.subscribe(ledger.add))
         for name in self._axes:
             self._spawn(self._look(name))
+            self._spawn(self._follow(name))
 
     async def aclose(self) -> None:
         """End."""
@@ -172,8 +178,12 @@ class Watcher:
             set_point=set_point,
             margin=None if drive is None else drive.margin(now),
             watchdog=drive.watchdog or None if drive is not None else None,
-            notice="; ".join(filter(None, (known.wrong, self._done.get(name, "")))),
+            notice="; ".join(filter(None, (known.wrong, self._news(name, now), self._done.get(name, "")))),
         )
+
+    def _news(self, name: str, now: float) -> str:
+        event = self._happened.get(name)
+        return "" if event is None or now - event.at > _NEWS else f"{event.kind.value}: {event.what}"
 
     def _state(self, axis: WatchedAxis, known: _Known, silent: bool, now: float) -> str:
         bus = axis.bus
@@ -220,6 +230,17 @@ class Watcher:
             except BusError as error:
                 known.wrong = "" if known.at > float("-inf") else str(error)
             await asyncio.sleep(self._every)
+
+    async def _follow(self, name: str) -> None:
+        """Hear of what happens to an axis."""
+        events = getattr(self._axes[name], "events", None)
+        if events is None:
+            return
+        async for event in events():
+            if event.kind is EventKind.BACK:
+                self._happened.pop(name, None)
+            elif event.kind is not EventKind.STOP:  # which is told of those that were stopped from here
+                self._happened[name] = event
 
     def _spawn(self, coroutine: Awaitable[None]) -> None:
         task = asyncio.ensure_future(coroutine)

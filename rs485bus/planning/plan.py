@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.watchdog.reckoning import SHARE
 from rs485bus.errors import WatchdogInfeasible
+from rs485bus.motion.look_budget import SHARE as MOST_LOOKS
 from rs485bus.planning.frames import DriveTraffic, Frame, learn
 from rs485bus.plant import Plant, PlantFile
 from rs485bus.sim import VirtualClockLoop, VirtualLine
@@ -108,9 +109,22 @@ class PairPlan:
 
     @property
     def set_point_rate(self) -> float:
-        """How often a second each axis can be told a speed, when all are told one after another, while all turn."""
-        told = sum(self.takes(frame) for drive in self.drives for frame in drive.set_points)
-        return max(0.0, 1 - self.busy_moving) / told if told else 0.0
+        """How often a second the axes of the slowest drive can be told another speed, where all are streamed at once.
+
+        The drives take turns, a frame each. An estimate: how often a streamed axis is looked at depends on the load.
+        """
+        return min((self._set_points(drive) for drive in self.drives), default=0.0)
+
+    def _set_points(self, drive: DriveTraffic) -> float:
+        looks = sum(rate * self.takes(frame) for each in self.drives for rate, frame in each.streaming)
+        turns = [sum(count for count, _ in each.set_points) for each in self.drives]
+        each_takes = [
+            sum(count * self.takes(frame) for count, frame in each.set_points) / frames
+            for each, frames in zip(self.drives, turns, strict=True)
+            if frames
+        ]
+        frames = sum(count for count, _ in drive.set_points)
+        return (1 - min(looks, MOST_LOOKS)) / sum(each_takes) / frames if frames else 0.0
 
     @property
     def fits(self) -> bool:
@@ -239,7 +253,7 @@ async def settle(pair: PairPlan, plant: Plant) -> float:
         await axis.position()
     longest = max((drive.fed for drive in pair.drives), default=0.0)
     await asyncio.sleep(2 * longest)
-    return 12 * longest or 1.0
+    return 6 * longest or 1.0
 
 
 def virtual_plant(pair: PairPlan, file: PlantFile) -> Plant:

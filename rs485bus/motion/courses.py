@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from rs485bus.motion.profile import Profile, RunProfile
+from rs485bus.motion.run_limits import RunLimits
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
 
@@ -99,6 +100,11 @@ class Course(ABC):
     def between(self) -> tuple[int, int | None]:
         """From where to where the axis goes, in counts; None where that has no known end."""
         return self.state.last(Fact.POSITION).value or 0, None
+
+    @property
+    def stop_at(self) -> float:
+        """When it must be told to stop, lest it leaves the limits of the axis."""
+        return _FOREVER
 
     def place(self) -> str:
         """Where the axis stands, for messages."""
@@ -296,6 +302,7 @@ class RunCourse(Course):
         start: where it began, in counts; None if that is not known.
         profile: how it goes.
         counts_per_turn: of the axis.
+        limits: between which positions it may go; None for everywhere.
         others as for `Course`.
     """
 
@@ -308,8 +315,10 @@ class RunCourse(Course):
         *,
         profile: RunProfile,
         counts_per_turn: int,
+        limits: RunLimits | None = None,
     ) -> None:
         super().__init__(what, state, started_at, grace)
+        self._limits = limits
         self.profile = profile
         self.keeps = profile.rpm != 0 and profile.duration is None
         self._counts_per_turn = counts_per_turn
@@ -320,6 +329,14 @@ class RunCourse(Course):
     @property
     def goes_on(self) -> bool:
         return self.keeps
+
+    @property
+    def stop_at(self) -> float:
+        if self._limits is None or (self.keeps and self.state.stopped_at > self.started_at):
+            return _FOREVER
+        counts = self._counts_per_turn / 60
+        measured = (self.state.value(Fact.SPEED) or 0.0) * counts
+        return self._limits.stop_at(self.state, self.profile.rpm * counts, measured)
 
     def place(self) -> str:
         return f"has stopped during its {self.what}"
@@ -344,6 +361,10 @@ class RunCourse(Course):
             return self._due_at_end(fact, self.state.stopped_at, LOOK_AGAIN)
         if fact is Fact.POSITION and self._falls_behind(self.profile.turns_after, self._counts_per_turn):
             return self.state.known(Fact.POSITION).at + LOOK_AGAIN / 2
+        if fact is Fact.POSITION and self.stop_at < _FOREVER:
+            asked = self.state.last(Fact.POSITION).at
+            soon = asked + max(LOOK_SOON, (self.stop_at - asked) / 2)
+            return soon if self.keeps else min(soon, self._due_at_end(fact, max(self.eta, self.begun_at), LOOK_SOON))
         if not self.keeps:
             return self._due_at_end(fact, max(self.eta, self.begun_at), LOOK_AGAIN / 2)
         if fact is Fact.SPEED and not self._reached:

@@ -36,6 +36,7 @@ from rs485bus.motion.other_courses import ForeignCourse, HomingCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ended, Plan
 from rs485bus.motion.profile import RunProfile, seconds_to
+from rs485bus.motion.run_limits import RunLimits
 from rs485bus.motion.state import FRESH, Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor, Told
@@ -208,13 +209,23 @@ class MoveExecutor:
         return position
 
     async def run(
-        self, move: Move, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None
+        self,
+        move: Move,
+        rpm: float,
+        parameters: MotionParameters,
+        duration: float | None,
+        ticks: int | None,
+        limits: tuple[int, int] | None,
     ) -> None:
-        """Change to a speed, in the drive's direction: until that is reached; for a time, until it stands again."""
+        """Change to a speed, in the drive's direction: until that is reached; for a time, until it stands again. It is
+        stopped by its ramp before it leaves the limits, in counts."""
         move.rpm, move.acceleration = abs(rpm), parameters.acceleration
         self._overtaken = False
-        task = Task(move, start=await self.ready(standing=False), rpm=rpm, before=await self._speed())
+        start = await self.ready(standing=False)
+        task = Task(move, start=start, rpm=rpm, before=await self._speed())
         since = self._state.known(Fact.POSITION).at
+        if limits is not None and rpm and not (start < limits[1] if rpm > 0 else start > limits[0]):
+            raise LimitReached(f"{self._name} stands at the end of its limits already, and can only run the other way.")
         await self._run_off(task, rpm, parameters, ticks)
         assert move.started_at is not None
         rate = min(parameters.acceleration, parameters.slowing_down)
@@ -227,6 +238,7 @@ class MoveExecutor:
             self._drive.start_grace,
             profile=profile,
             counts_per_turn=counts_per_turn,
+            limits=None if limits is None else RunLimits(*limits, rate / 60 * counts_per_turn, self._attempt),
         )
         move.eta = course.eta
         if duration is None or not rpm:
@@ -319,6 +331,11 @@ class MoveExecutor:
                 self._stops.stop_if_moving()
 
     # Parts of them
+
+    @property
+    def _attempt(self) -> float:
+        """Seconds that an attempt to tell the drive something may take in vain."""
+        return self._bus.owner.units[self._drive.address].reply_timeout
 
     async def _run_off(self, task: Task, rpm: float, parameters: MotionParameters, ticks: int | None) -> None:
         """Tell it a speed."""

@@ -18,7 +18,7 @@ from rs485bus.bus.schedule.job import Job, Outcome, Urgency
 from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
-from rs485bus.errors import MotionError, MoveFailed, MoveTimeout, ReferenceLost
+from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
 from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.diagnosis import diagnose, wanted
 from rs485bus.motion.drive import Drive
@@ -199,7 +199,10 @@ class Supervisor:
         course = watched.course
         assert course is not None
         verdict = course.judge()
-        if verdict is Verdict.REACHED and watched.told is not None:
+        if course.stop_at <= now:
+            left = f"{watched.name} would leave its limits by its {course.what}: it was stopped before."
+            self._end(watched, Verdict.DOUBTFUL, LimitReached(left))
+        elif verdict is Verdict.REACHED and watched.told is not None:
             watched.told(verdict, None)
         elif verdict is Verdict.DONE:
             watched.state.stood()
@@ -317,7 +320,7 @@ class Supervisor:
             if course is None:
                 continue
             for each in self._facts(axis, course):
-                due = min(course.due(each), self._routine(each, watched, course))
+                due = min(course.due(each), self._routine(each, watched, course), course.stop_at)
                 if watched.doubted_at is not None and watched.state.known(each).at < watched.doubted_at:
                     due = NEVER
                 if due < best:

@@ -325,6 +325,31 @@ async def test_a_speed_that_the_drive_cannot_be_told_is_refused_with_the_nearest
             on.axis.run(1)
 
 
+@pytest.mark.parametrize("duration", [None, 10.0])
+@pytest.mark.parametrize("rpm", [300, -300, 50])
+@on_virtual_clock
+async def test_a_run_is_stopped_by_its_ramp_before_it_leaves_the_limits(rpm: float, duration: float | None) -> None:
+    async with bench(FlakyMks(), limits=(-3.0, 6.0)) as on:
+        run = on.axis.run(rpm, duration=duration)
+        for _ in range(3000):
+            await asyncio.sleep(0.01)
+            assert -3.0 <= on.shaft <= 6.0
+        assert not on.sim.moving(on.bus.now())
+        if duration is None:
+            await run
+            with pytest.raises(LimitReached, match="would leave its limits"):
+                await on.axis.move_to(0.0)
+        else:
+            with pytest.raises(LimitReached, match="would leave its limits"):
+                await run
+        assert not on.sent(r.EMERGENCY_STOP)
+        await on.axis.move_to(6.0 if rpm > 0 else -3.0)
+        with pytest.raises(LimitReached, match="stands at the end of its limits"):
+            await on.axis.run(rpm)
+        await on.axis.run(-rpm)
+        await on.axis.stop()
+
+
 # In position
 
 

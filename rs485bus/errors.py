@@ -166,6 +166,13 @@ class MotionError(BusError):
     """A motion did not end as it was asked to."""
 
 
+class MotionInterrupted(MotionError, NotSent):
+    """The port was lost while something was under way. How far it went is not known; what is left of it is not sent.
+
+    The axis is stopped as soon as the port is there again: then ask for its position.
+    """
+
+
 class MoveCancelled(MotionError):
     """The move was cancelled: by `cancel()`, by a stop, or because one before it failed."""
 

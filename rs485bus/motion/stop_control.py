@@ -11,7 +11,16 @@ from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle, settle
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.units.motion import Motion
-from rs485bus.errors import BusClosed, BusError, MotionError, MoveCancelled, NotSent, RearmRequired, StopUnconfirmed
+from rs485bus.errors import (
+    BusClosed,
+    BusError,
+    MotionError,
+    MotionInterrupted,
+    MoveCancelled,
+    NotSent,
+    RearmRequired,
+    StopUnconfirmed,
+)
 from rs485bus.motion.command_queue import CommandQueue
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import EventKind
@@ -207,9 +216,10 @@ class StopControl:
 
     def interrupted(self, unheard: float, reason: str) -> None:
         """The bus stopped it for safety, or lost it. It had been unheard for so many seconds."""
-        error: MotionError | NotSent = NotSent(
-            f"{self._name}: {reason}. It is stopped as soon as the port is there again."
-        )
+        told = f"{self._name}: {reason}. It is stopped as soon as the port is there again."
+        error: MotionError | NotSent = NotSent(told)
+        if self._motion.may_move:
+            error = MotionInterrupted(f"{told} How far it went is not known until then.")
         if self._bus.owner.units[self._drive.address].locked:
             error = RearmRequired(
                 f"{self._name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable()."

@@ -123,7 +123,7 @@ def _speed(evidence: Evidence) -> Iterator[Finding]:
 def _refused(evidence: Evidence) -> Iterator[Finding]:
     for call in evidence.calls:
         nothing = call.failed & {"NotSent", "DeviceRefused", "NotEnabled", "LimitExceeded", "NotSupported"}
-        if not nothing or not is_moving_verb(call):
+        if not nothing or "MotionInterrupted" in call.failed or not is_moving_verb(call):
             continue
         for shaft in _shafts(evidence, call):
             if (

@@ -19,7 +19,7 @@ from rs485bus.sim import VirtualClockLoop
 
 _CYCLES = 20
 _STOPS = 60
-_ROUGHLY = 0.2
+_ROUGHLY = 0.25
 _STREAMS = 3.0
 """Seconds."""
 _APART = 0.02

@@ -111,7 +111,8 @@ class PairPlan:
     def set_point_rate(self) -> float:
         """How often a second the axes of the slowest drive can be told another speed, where all are streamed at once.
 
-        The drives take turns, a frame each. An estimate: how often a streamed axis is looked at depends on the load.
+        The drives take turns, a frame each. An estimate, up to a fifth too low: a streamed axis is looked at less
+        often on a busy pair.
         """
         return min((self._set_points(drive) for drive in self.drives), default=0.0)
 

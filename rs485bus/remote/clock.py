@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 _SAMPLES = 64
@@ -23,9 +24,10 @@ class RemoteClock:
         """The service was started again, with another clock."""
         self._bounds.clear()
 
-    def learn(self, service_time: float, sent_at: float, received_at: float) -> None:
-        """An answer said what time it is there."""
-        self._bounds.append((received_at, service_time - received_at, service_time - sent_at))
+    def learn(self, service_time: float, sent_at: float | None, received_at: float) -> None:
+        """An answer said what time it was there. `sent_at` is None where it may have been made for somebody else."""
+        most = math.inf if sent_at is None else service_time - sent_at
+        self._bounds.append((received_at, service_time - received_at, most))
 
     def offset(self, at: float) -> tuple[float, float]:
         """How far the service's clock is ahead at a moment, in seconds; and by how much that may be wrong."""

@@ -36,8 +36,12 @@ from rs485bus.service.topics import PLANT, Topics
 _log = logging.getLogger("rs485bus.remote")
 
 _PAUSES = (0.05, 0.1, 0.2, 0.5, 1.0)
+_LONGEST = 50.0
+"""Seconds for which a question may be answered, at most."""
 _LOOK = 0.25
 """Seconds between two looks for what is to be said again."""
+_TIMES = 3
+"""How often the service is asked for its time at first."""
 _FOUND = 1.5
 """Seconds within which the broker tells that there is the plant."""
 
@@ -89,7 +93,8 @@ class Session:
         try:
             await first
             await self._find()
-            await self.ask(PLANT, "time", {}, f"the time of {self.topics.plant}").wait()
+            for _ in range(_TIMES):  # a single one may have been late
+                await self.ask(PLANT, "time", {}, f"the time of {self.topics.plant}").wait()
         except BaseException:
             await self.close()
             raise
@@ -114,12 +119,16 @@ class Session:
         *,
         once: bool = False,
         lease: int | None = None,
-        life: float = 2.0,
+        life: float | None = None,
         at: float | None = None,
         handle: Handle[Any] | None = None,
         request: str | None = None,
     ) -> Handle[Any]:
-        """Send a request. What is returned ends with its answer: the value, or what was raised."""
+        """Send a request. What is returned ends with its answer: the value, or what was raised.
+
+        A question may be answered as long as somebody waits; a verb says within how many seconds it must be begun.
+        """
+        life = min(self.requests.patience, _LONGEST) if life is None else life
         said = Request(
             id=request or new_id(),
             client=self.client,
@@ -298,8 +307,9 @@ class Session:
     def _answered(self, answer: Answer) -> None:
         now = self._loop.time()
         pending = self.requests.get(answer.id)
-        if pending is not None and pending.first_sent is not None and not pending.once:
-            self.clock.learn(answer.now, pending.first_sent, now)
+        if pending is not None:
+            # What became of a verb may have been stored before the service was started again.
+            self.clock.learn(answer.now, None if pending.once else pending.first_sent, now)
         self.requests.answered(answer, now)
 
     def _described(self, told: Description) -> None:

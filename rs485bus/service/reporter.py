@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import logging
 from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
@@ -17,6 +18,8 @@ from rs485bus.service.schema import AxisEvent, AxisReport
 from rs485bus.service.topics import Topics
 from rs485bus.service.verbs import Sampling
 from rs485bus.service.watch import Watch
+
+_log = logging.getLogger("rs485bus.service")
 
 _STANDING = 1.0
 """Seconds between two states of what stands and does not change."""
@@ -56,7 +59,8 @@ class Reporter:
         async with asyncio.TaskGroup() as group:
             for name, axis in self._plant.axes.items():
                 group.create_task(self._report(name, axis))
-                group.create_task(self._report_events(name, axis))
+                if hasattr(axis, "events"):
+                    group.create_task(self._report_events(name, axis))
             group.create_task(self._report_buses())
 
     def began(self, order: Order, performance: Performance) -> None:
@@ -98,7 +102,12 @@ class Reporter:
             sampling = self._sampling(name)
             every = min(self._period, sampling or self._period)
             idle = told is not None and not told.moving and sampling is None
-            report = await self._watch.axis(axis, _STANDING / 2 if idle else every / 2, **self._known(name))
+            try:
+                report = await self._watch.axis(axis, _STANDING / 2 if idle else every / 2, **self._known(name))
+            except Exception as error:  # whoever looks does not end who serves
+                _log.warning("what is known of %s cannot be told: %s", name, error)
+                await asyncio.sleep(_STANDING)
+                continue
             if sampling is not None:
                 self._say(name, "sample", report)
             due = told_at + (self._period if told is None or _differs(report, told) else _STANDING)

@@ -7,6 +7,7 @@ from collections import defaultdict
 from typing import Any
 
 from rs485bus.bus.bus import Bus
+from rs485bus.errors import NoReply, NotSent
 from rs485bus.motion.axis import Axis
 from rs485bus.motion.sample import AxisSample
 from rs485bus.service.clock import Clock
@@ -27,7 +28,7 @@ class Watch:
 
     async def axis(self, axis: Axis, every: float, **known: Any) -> AxisReport:
         """What is known of an axis, without a number. Its drive is asked for what is older than so many seconds."""
-        sample = await _fresh(axis, every)
+        sample = await _fresh(axis, every) if hasattr(axis, "samples") else await _asked(axis)
         bus = axis.bus
         return AxisReport(
             n=0,
@@ -80,3 +81,14 @@ async def _fresh(axis: Axis, every: float) -> AxisSample:
         return await anext(samples)
     finally:
         await samples.aclose()  # type: ignore[attr-defined] # it is a generator
+
+
+async def _asked(axis: Axis) -> AxisSample:
+    """The same of an axis of a family that does not tell by itself what is known of it."""
+    at = axis.bus.now()
+    moves = axis.motion.may_move
+    try:
+        position, rpm = await axis.position(), await axis.velocity() if moves else 0.0
+    except (NoReply, NotSent):
+        return AxisSample(at, 0.0, None, None, None, None, "", False, "", "")
+    return AxisSample(at, 0.0, position, rpm, moves, None, "", False, "", "")

@@ -37,6 +37,14 @@ def test_the_clock_never_takes_itself_for_later_than_it_is(
     assert abs(offset - (there(now) - now)) <= wrong + 1e-6
 
 
+def test_an_answer_that_was_stored_before_tells_no_more_than_it_can() -> None:
+    clock = RemoteClock()
+    clock.learn(5000.0, 999.9, 1000.1)
+    clock.learn(4000.0, None, 1001.0)  # it is a thousand seconds old
+    assert clock.now(1001.0) == pytest.approx(5000.9, abs=0.001)
+    assert clock.offset(1001.0) == pytest.approx((4000.0, 0.1), abs=0.001)
+
+
 def test_what_is_not_heard_of_is_said_again_and_in_the_end_unknown() -> None:
     requests, ended = PendingRequests(patience=10), []
     verb = Pending("1", "move", "t", b"", True, 2.0, lambda answer, error: ended.append(error))

@@ -83,6 +83,10 @@ class Client(aiomqtt.Client):
             "the guide has an example."
         )
 
+    def abandon(self) -> None:
+        """Close the socket of a connection that has come to nothing. aiomqtt leaves it open."""
+        self._client._sock_close()
+
     def _on_socket_register_write(self, client: PahoClient, userdata: Any, sock: Any) -> None:
         """Write as soon as the socket takes it. aiomqtt looks at the socket one turn of the loop later: by then it may
         be closed, and its number that of another file, of a serial port perhaps."""
@@ -197,6 +201,7 @@ class Broker:
         try:
             await client.__aenter__()
         except aiomqtt.MqttError as error:
+            client.abandon()
             raise BrokerError(self._why(error)) from None
         try:
             yield client

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import os
 import signal
@@ -447,6 +448,9 @@ def make_certificates(folder: Path) -> None:
         subprocess.run(("openssl", *words.split()), cwd=folder, check=True, capture_output=True)
 
 
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # paho leaves what it does not trust open
 def test_the_connection_is_encrypted_where_that_is_asked_for_and_only_to_who_is_trusted(tmp_path: Path) -> None:
     make_certificates(tmp_path)
     ca = str(tmp_path / "ca.crt")
@@ -473,6 +477,7 @@ def test_the_connection_is_encrypted_where_that_is_asked_for_and_only_to_who_is_
     )
     with running(tmp_path, tls) as broker:
         in_real_time(lambda: main(broker), 30)
+    gc.collect()
 
 
 def test_a_client_that_speaks_an_old_mqtt_or_another_schema_is_told_and_nothing_moves(

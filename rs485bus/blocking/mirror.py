@@ -35,7 +35,7 @@ HIDDEN = frozenset(
         *("released", "order_together", "pair", "carries_out", "ask", "submit", "start", "halt", "heard_after", "now"),
         *("after_stops", "spawn", "poke", "after", "unseen", "received", "owner", "loop", "thread", "devices"),
         *("open", "aclose", "adjust", "share_time", "check_open", "give_up", "interrupted", "stop_if_moving"),
-        *("replace", "on_end", "over", "check"),
+        *("replace", "on_end", "over", "check", "end"),
         *("tells_restarts", "told_standing", "driver", "modes", "link"),
     }
 )

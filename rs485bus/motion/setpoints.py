@@ -209,6 +209,11 @@ class SetpointStream:
         """Whether it has ended, or was not entered."""
         return self._move is None or self._move.done()
 
+    def end(self) -> None:
+        """Slow down to a stand, as at the end of the block."""
+        for each in self._running:
+            each.end()
+
     def on_end(self, callback: Callable[[Exception | None], object]) -> None:
         """Have `callback` called when it ends, with its failure if it has failed."""
         assert self._move is not None
@@ -235,8 +240,7 @@ class SetpointStream:
         assert move is not None
         try:
             if error is None:
-                for each in self._running:
-                    each.end()
+                self.end()
                 await move.wait()
         except MoveCancelled:
             pass  # somebody stopped it

@@ -101,6 +101,9 @@ class GroupStream:
     ) -> bool | None:
         setpoint = self._setpoint
         assert setpoint is not None
+        if error is None:
+            for stream in self._streams.values():
+                stream.end()  # all at once
         try:
             return await self._stack.__aexit__(kind, error, trace)
         finally:

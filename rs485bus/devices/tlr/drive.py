@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -14,22 +13,20 @@ from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr import telemetry
 from rs485bus.devices.tlr.ability import TlrAbility
 from rs485bus.devices.tlr.effects import JOGGING, effect_of
-from rs485bus.devices.tlr.frames import auxiliary, control, read, words, write, written
+from rs485bus.devices.tlr.frames import control, read, words, write, written
 from rs485bus.devices.tlr.judge import TlrStopJudge
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord, DiFunction, ExceptionCode
 from rs485bus.devices.tlr.witness import Witness
-from rs485bus.errors import DeviceRefused, NoReply, NotEnabled, RequestFailed
+from rs485bus.devices.tlr.writing import TlrWriter
+from rs485bus.errors import NotEnabled, RequestFailed
 from rs485bus.motion.drive import Drive, Effect, Reading
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ask, Know, Plan, Stand, Start
 from rs485bus.motion.standstill import NEVER, StandstillRule
 from rs485bus.motion.state import AxisState, Fact, Facts
 from rs485bus.wire.frames import Request, payload, read_holding
-from rs485bus.wire.registers import Block, Register, Repeat
 
 FAMILY = "TL-R"
-_log = logging.getLogger("rs485bus")
-
 _START = ControlWord.POSITION | ControlWord.ABSOLUTE
 _STOPS = ControlWord.STOP | ControlWord.EMERGENCY_STOP
 _EMERGENCY_STOP_TAKES = 0.1
@@ -39,8 +36,6 @@ _COARSE = 1600
 """Pulses a turn below which a standing axis may seem to move by one of them only."""
 _CONTRADICTED = 0.3
 """Seconds for which the position stays of a motor that stands though its status says that it runs."""
-_TRUNCATED_FROM = 5
-"""Registers in one write of which some firmware keeps only the first ones."""
 _WRITTEN = (range(r.INPUT_POLARITY.address, 0xE0), range(r.OPERATING_MODE.address, 0x11A))
 """Where its parameters are. What the holes between them do nobody says: MKS "home" is one, the sixth word of a path."""
 _SET_UP_BY = {r.SUBDIVISION.address, *(register.address for register in r.INPUT_FUNCTIONS)}
@@ -56,9 +51,7 @@ class TlrDrive(Drive):
         address: 1..247.
         pulses_per_turn: None for its subdivision, which it is asked for.
         start_rpm: the speed at which moves begin.
-        clear_trigger: write 0 before a trigger, so that its bits rise.
-        block_writes: write what belongs together in one request. Where the drive turns out to keep only a part of it,
-            the rest is written singly, from then on all of it.
+        clear_trigger, block_writes: as for `TlrWriter`.
         keeps_target: 0x33 to 0x38 hold what was written until the drive is switched off.
         enabled_bit: rely on status bit 4.
         live_jog: a jog under way takes another speed.
@@ -92,8 +85,8 @@ class TlrDrive(Drive):
         name = f"{FAMILY} {address}"
         self.pulses_per_turn = pulses_per_turn
         self.start_rpm = start_rpm
-        self.clear_trigger = clear_trigger
-        self.block_writes = block_writes
+        self.writer = TlrWriter(name, address, clear_trigger=clear_trigger, block_writes=block_writes)
+        """The plans that write to it."""
         self.keeps_target = keeps_target
         self.enabled_bit = enabled_bit
         self.live_jog = live_jog
@@ -238,7 +231,7 @@ class TlrDrive(Drive):
             if not self._witness.speaks:
                 yield from self.put_nothing(unlike=self.axis.value(Fact.MARK)[1])
         try:
-            yield from self.auxiliary(Auxiliary.ENABLE)
+            yield from self.writer.auxiliary(Auxiliary.ENABLE)
         except RequestFailed:
             self.axis.holds = None
             raise
@@ -248,15 +241,15 @@ class TlrDrive(Drive):
                 raise NotEnabled(f"{self.name} was told to enable its motor, and says that it is not enabled.")
 
     def disable(self, axis: int) -> Plan[None]:
-        yield from self.auxiliary(Auxiliary.RELEASE)
+        yield from self.writer.auxiliary(Auxiliary.RELEASE)
 
     def zero(self, axis: int) -> Plan[None]:
         # Clearing the position of a standing motor twice is clearing it once.
-        yield from self.auxiliary(Auxiliary.CLEAR_POSITION)
+        yield from self.writer.auxiliary(Auxiliary.CLEAR_POSITION)
 
     def move(self, axis: int, target: int, parameters: MotionParameters) -> Plan[None]:
         # 0 comes before the target, too: nothing that is still set may start it.
-        yield from self.clear_control()
+        yield from self.writer.clear_control()
         yield from self._put_target(target, parameters)
         yield self.start(_START, parameters)
 
@@ -265,7 +258,7 @@ class TlrDrive(Drive):
 
     def retarget(self, axis: int, target: int, parameters: MotionParameters, speed: float) -> Plan[None]:
         yield from self._put_target(target, parameters)
-        if self.clear_trigger:
+        if self.writer.clear_trigger:
             yield Ask(control(self.address, ControlWord.ABSOLUTE | ControlWord.INTERRUPT))
         yield self.start(_START | ControlWord.INTERRUPT, parameters)
 
@@ -284,8 +277,8 @@ class TlrDrive(Drive):
         if self.axis.motion.may_move:
             # Whether a jog under way takes another speed is not said.
             yield Stand()
-        yield from self.clear_control()
-        yield from self.put(r.JOG, *values)
+        yield from self.writer.clear_control()
+        yield from self.writer.put(r.JOG, *values)
         yield self.start(ControlWord.JOG, parameters)
 
     def setpoint(self, axis: int, rpm: float, acceleration: float, *, afresh: bool) -> Sequence[Request]:
@@ -299,7 +292,9 @@ class TlrDrive(Drive):
         trigger = control(self.address, ControlWord.JOG)
         if not self._word & JOGGING or afresh or not self.live_jog:
             # Whether a jog under way takes another speed is not said: it is told to jog once more.
-            return (jog, control(self.address, ControlWord.NONE), trigger) if self.clear_trigger else (jog, trigger)
+            return (
+                (jog, control(self.address, ControlWord.NONE), trigger) if self.writer.clear_trigger else (jog, trigger)
+            )
         return (jog,)
 
     @property
@@ -316,49 +311,6 @@ class TlrDrive(Drive):
     def _stop(self, parameters: MotionParameters) -> tuple[Request, float]:
         return control(self.address, ControlWord.STOP), parameters.rpm / parameters.slowing_down
 
-    def clear_control(self) -> Plan[None]:
-        """Have the bits of a trigger rise."""
-        if self.clear_trigger:
-            yield Ask(control(self.address, ControlWord.NONE))
-
-    def auxiliary(self, command: Auxiliary, repeat: Repeat = Repeat.SAFE) -> Plan[None]:
-        """Have it carry out an auxiliary command (3.5.3)."""
-        if self.clear_trigger:
-            yield Ask(auxiliary(self.address, Auxiliary.NONE))
-        yield Ask(auxiliary(self.address, command), repeat=repeat)
-
-    def put(self, what: Register[Any] | Block, *values: Any) -> Plan[None]:
-        """Write a register, or the values of a block, and read them back.
-
-        Raises:
-            LimitExceeded: a value is out of its range; nothing was sent.
-            DeviceRefused: the drive does not take it, or reads back something else.
-            NoReply: it did not answer.
-        """
-        wanted = words(what.encode(*values))
-        there: tuple[int, ...] | None = None
-        if self.block_writes or len(wanted) == 1:
-            try:
-                yield Ask(write(self.address, what.address, wanted))
-            except NoReply:
-                if len(wanted) < _TRUNCATED_FROM:
-                    raise
-                # Firmware that keeps less may say so in its answer, which then is none to this request.
-            there = words(payload((yield Ask(read(self.address, what)))))
-            if there != wanted and len(wanted) >= _TRUNCATED_FROM:
-                self.block_writes = False
-                _log.info("%s keeps only a part of a block; it is written singly", self.name)
-        if there != wanted and len(wanted) > 1:
-            for at, word in enumerate(wanted):
-                if there is None or there[at] != word:
-                    yield Ask(write(self.address, what.address + at, (word,)))
-            there = words(payload((yield Ask(read(self.address, what)))))
-        if there != wanted:
-            raise DeviceRefused(
-                f"{self.name} acknowledged {what.name} and reads back {there} instead of {wanted}.",
-                address=self.address,
-            )
-
     def _put_target(self, target: int, parameters: MotionParameters) -> Plan[None]:
         start = min(self.start_rpm, parameters.speed_code)
         yield from self._put_positioning(
@@ -371,7 +323,7 @@ class TlrDrive(Drive):
             yield from self._put_positioning(0, (unlike + 1) % r.MAX_RAMP_MS, 0, 0, 0)
 
     def _put_positioning(self, *values: int) -> Plan[None]:
-        yield from self.put(r.POSITIONING, *values)
+        yield from self.writer.put(r.POSITIONING, *values)
         if self.keeps_target:
             self._witness.read(words(r.POSITIONING.encode(*values)))
 

@@ -78,8 +78,8 @@ def find_origin(drive: TlrDrive, homing: Homing | None, offset: int, timeout: fl
     axis = drive.axis
     mode = yield from _mode(drive, homing)
     if homing is not None:
-        yield from drive.put(r.HOMING, *homing.values(offset))
-    yield from drive.clear_control()
+        yield from drive.writer.put(r.HOMING, *homing.values(offset))
+    yield from drive.writer.clear_control()
     yield Know((Fact.HOMED, Fact.POSITION), afresh=True)
     search = _Search(drive, mode)
     trusted, axis.lost = axis.lost, axis.lost or _NOT_ENDED

@@ -50,7 +50,7 @@ class TlrParameters:
         """Queue the writing of a parameter, and its reading back. Raises `LimitExceeded`; nothing is queued then."""
         where.encode(*values)
         what = f"{where.name} = {', '.join(map(str, values))}"
-        return self.order(what, lambda: self.drive.put(where, *values))
+        return self.order(what, lambda: self.drive.writer.put(where, *values))
 
     async def ask(self, what: Register[Any] | Block) -> Any:
         """Ask for a parameter, once those that were queued before are written."""

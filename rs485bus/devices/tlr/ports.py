@@ -83,7 +83,7 @@ def _set_bit(parameters: TlrParameters, register: Register[Ports], index: int, c
     def plan() -> Plan[None]:
         bits = register.decode(payload((yield Ask(read(parameters.drive.address, register)))))
         bit = Ports(1 << index)
-        yield from parameters.drive.put(register, bits | bit if on else bits & ~bit)
+        yield from parameters.drive.writer.put(register, bits | bit if on else bits & ~bit)
 
     return parameters.order(f"bit {index} of {register.name} = {on}", plan)
 

@@ -63,8 +63,8 @@ class TlrSetup(Axis):
 
         def plan() -> Plan[None]:
             negative, positive = sorted(map(self._to_counts, ends))
-            yield from self._tlr.put(r.SOFT_LIMITS, positive, negative)
-            yield from self._tlr.put(r.SOFT_LIMITS_ON, True)
+            yield from self._tlr.writer.put(r.SOFT_LIMITS, positive, negative)
+            yield from self._tlr.writer.put(r.SOFT_LIMITS_ON, True)
 
         return self._parameters.order(f"soft limits {low:g}..{high:g}", plan)
 
@@ -84,7 +84,7 @@ class TlrSetup(Axis):
         def plan() -> Plan[None]:
             self._tlr.pulses_per_turn = None  # it is asked for before the next command
             yield Stand()
-            yield from self._tlr.put(r.SUBDIVISION, pulses)
+            yield from self._tlr.writer.put(r.SUBDIVISION, pulses)
 
         return self._parameters.order(f"{r.SUBDIVISION.name} = {pulses}", plan)
 
@@ -94,7 +94,7 @@ class TlrSetup(Axis):
 
         def plan() -> Plan[None]:
             yield Stand()
-            yield from self._tlr.put(r.DIRECTION, reverse)
+            yield from self._tlr.writer.put(r.DIRECTION, reverse)
 
         return self._parameters.order(f"{r.DIRECTION.name} = {reverse}", plan)
 
@@ -124,7 +124,7 @@ class TlrSetup(Axis):
         def plan() -> Plan[None]:
             # What is saved must not be what is written next: else a restart could not be told.
             yield from self._tlr.put_nothing(unlike=0)
-            yield from self._tlr.auxiliary(Auxiliary.SAVE)
+            yield from self._tlr.writer.auxiliary(Auxiliary.SAVE)
             yield from self._tlr.put_nothing(unlike=1)
 
         return self._parameters.order("save", plan)
@@ -137,7 +137,7 @@ class TlrSetup(Axis):
 
         def plan() -> Plan[None]:
             yield Stand()
-            yield from self._tlr.auxiliary(Auxiliary.FACTORY_RESET, Repeat.NEVER)
+            yield from self._tlr.writer.auxiliary(Auxiliary.FACTORY_RESET, Repeat.NEVER)
 
         return self._parameters.order("factory reset", plan)
 

@@ -291,7 +291,7 @@ class TlrStepper(TlrSetup):
         """
 
         def plan() -> Plan[None]:
-            yield from self._tlr.auxiliary(Auxiliary.CLEAR_ALARM)
+            yield from self._tlr.writer.auxiliary(Auxiliary.CLEAR_ALARM)
             yield Know((Fact.FAULT,), afresh=True)
             fault = self._tlr.axis.value(Fact.FAULT)
             if fault:

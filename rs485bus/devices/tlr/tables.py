@@ -113,7 +113,7 @@ class Table(Generic[T]):
         where.encode(*self._values(entry))
         # How many pulses a distance is may be known only then.
         return self._parameters.order(
-            f"{where.name} = {entry}", lambda: self._parameters.drive.put(where, *self._values(entry))
+            f"{where.name} = {entry}", lambda: self._parameters.drive.writer.put(where, *self._values(entry))
         )
 
     async def _ask(self, where: Block | Register[Any]) -> T:

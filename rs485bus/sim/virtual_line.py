@@ -56,6 +56,7 @@ class VirtualLine:
 
     @property
     def unsent(self) -> int:
+        """Bytes that wait to be sent: none ever."""
         return 0
 
     async def open(self, sink: Sink) -> None:
@@ -65,18 +66,22 @@ class VirtualLine:
         self._sink = sink
 
     def write(self, data: bytes) -> None:
+        """The bus sends bytes."""
         if self._sink is not None and self._loop is not None:
             self.transmit(data, self._loop.time())
 
     def abort(self) -> None:
+        """The port is lost; the bus is told."""
         sink, self._sink = self._sink, None
         if sink is not None and self._loop is not None:
             self._loop.call_soon(sink.lost, None)
 
     async def close(self) -> None:
+        """The bus hears nothing any more."""
         self._sink = None
 
     def alarm(self, callback: Callable[[], None]) -> Alarm:
+        """A timer that calls back on the event loop's clock."""
         return make_alarm(asyncio.get_running_loop(), callback)
 
     def unplug(self) -> None:

@@ -106,6 +106,7 @@ class SimZlac(SimDevice):
 
     @property
     def mode(self) -> ControlMode:
+        """What it is set to: position, velocity or torque."""
         return self.value(r.MODE)
 
     @property

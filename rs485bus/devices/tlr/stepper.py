@@ -46,6 +46,7 @@ class TlrStatus(AxisStatus):
 
     @property
     def in_position(self) -> bool:
+        """Whether the drive says that it has arrived."""
         return StatusWord.IN_POSITION in self.word
 
     @property
@@ -55,6 +56,7 @@ class TlrStatus(AxisStatus):
 
     @property
     def running(self) -> bool:
+        """Whether the drive says that the motor turns."""
         return StatusWord.RUNNING in self.word
 
     @property
@@ -63,6 +65,7 @@ class TlrStatus(AxisStatus):
 
     @property
     def fault(self) -> bool:
+        """Whether the drive says that it has a fault; `alarm` says which."""
         return StatusWord.FAULT in self.word
 
     @property

@@ -35,6 +35,7 @@ class WheelStatus(AxisStatus):
 
     @property
     def enabled(self) -> bool:  # type: ignore[override] # it is computed
+        """Whether the motor is energised."""
         return self.shaft is ShaftState.LOCKED
 
     @property

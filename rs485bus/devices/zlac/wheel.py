@@ -17,6 +17,7 @@ from rs485bus.errors import LimitExceeded, MoveCancelled, StopUnconfirmed
 from rs485bus.motion.axis import Axis
 from rs485bus.motion.group.member import GroupAxis, GroupMemberMove
 from rs485bus.motion.joint import Joint
+from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move, MoveTarget
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Plan
@@ -202,6 +203,11 @@ class ZlacWheel(Axis):
     def recount(self) -> None:
         """It is known how the drive counts."""
         self._recount()
+
+    @property
+    def knowledge(self) -> AxisKnowledge:
+        """What is known of it."""
+        return self._executor.knowledge
 
     @property
     def joint(self) -> Joint | None:

@@ -15,6 +15,7 @@ from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.devices.zlac import plans
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.ability import ZlacOptions
+from rs485bus.devices.zlac.counters import Counters
 from rs485bus.devices.zlac.drive import ZlacDrive
 from rs485bus.devices.zlac.frames import MAX_ADDRESS, read
 from rs485bus.devices.zlac.memory import read_words
@@ -129,6 +130,9 @@ class Zlac8015d:
             wheel.stop_with(other)
         drive.on_interrupted = self._was_interrupted
         drive.on_recounted = self._recount
+        signs = tuple(-1 if wheel.reverse else 1 for wheel in self._wheels)
+        self.counters = Counters(bus, drive, (signs[0], signs[1]), self.left.knowledge)
+        """The counters of both wheels, for odometry."""
         self._runs: list[Both[float]] = []
         """Those that another one may replace."""
         bus.attach(self)

@@ -279,6 +279,14 @@ class MoveExecutor:
         position: int = self._state.last(Fact.POSITION).value
         return position
 
+    async def follow(self, move: Move, begin: Callable[[float], Awaitable[Course]]) -> int:
+        """Have it follow speeds that are told it together with others; where that ended."""
+        self.commanded = None
+        move.state, move.started_at = MoveState.MOVING, self._bus.now()
+        await self._see_it_end(move, await begin(await self._speed()))
+        position: int = self._state.last(Fact.POSITION).value
+        return position
+
     async def push(
         self, move: Move, wanted: object, plan: Callable[[], Plan[None]], of_all: PlanOfAll, what: str
     ) -> None:

@@ -1,7 +1,7 @@
 """ZLAC8015D: two hub motors on one address."""
 
 from rs485bus.devices.zlac.differential import DifferentialDrive
-from rs485bus.devices.zlac.odometry import Odometry, Pose
+from rs485bus.devices.zlac.odometry import Odometry, OdometrySample, Pose
 from rs485bus.devices.zlac.setup import ZlacSetup
 from rs485bus.devices.zlac.status import WheelStatus, ZlacStatus
 from rs485bus.devices.zlac.values import Brake, ControlMode, Fault, ShaftState, Side
@@ -13,6 +13,7 @@ __all__ = [
     "DifferentialDrive",
     "Fault",
     "Odometry",
+    "OdometrySample",
     "Pose",
     "ShaftState",
     "Side",

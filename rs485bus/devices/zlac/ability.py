@@ -76,7 +76,9 @@ class ZlacAbility(Ability):
 
     @property
     def highest_rpm(self) -> float:
-        return min(self.speed_limit, r.MAX_POSITION_RPM)
+        # Where 0x2022 scales the speed of positions, too, its register holds less.
+        scale = self.resolution if self._options.scaled_position_speed else 1
+        return min(self.speed_limit, r.MAX_POSITION_RPM // scale)
 
     def lowest_acceleration(self, rpm: float) -> float:
         return 1000 * self._range_of(rpm) / r.MAX_RAMP
@@ -93,8 +95,11 @@ class ZlacAbility(Ability):
         return MotionParameters(real, 1000 * self._range_of(real) / ramp if ramp else math.inf, round(real), ramp)
 
     def position_parameters(self, rpm: float, acceleration: float) -> MotionParameters:
-        if rpm > r.MAX_POSITION_RPM:
-            raise LimitExceeded(f"{self._name}: {rpm:g} rpm is more than {r.MAX_POSITION_RPM} rpm for a position")
+        if rpm > min(self.highest_rpm, r.MAX_POSITION_RPM):
+            raise LimitExceeded(
+                f"{self._name}: {rpm:g} rpm is more than {self.highest_rpm:g} rpm for a position, which is what its "
+                "register (0x208E) holds"
+            )
         return self.parameters(float(max(1, round(rpm))), acceleration)
 
     def ticks(self, duration: float) -> int | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from rs485bus.bus.bus import Bus
 from rs485bus.devices.zlac.drive import ZlacDrive
 from rs485bus.devices.zlac.values import ControlMode
+from rs485bus.errors import BusError
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.state import FRESH, Fact
 
@@ -35,8 +37,9 @@ class Counters:
     def __init__(self, bus: Bus, drive: ZlacDrive, signs: tuple[int, int], knowledge: AxisKnowledge) -> None:
         self._bus = bus
         self._drive = drive
-        self._signs = signs
+        self.signs = signs
         self._knowledge = knowledge
+        self._finding_out = False
 
     def listen(self, listener: Callable[[], None]) -> None:
         """Call back whenever the drive was heard."""
@@ -80,11 +83,24 @@ class Counters:
         positions, speeds = (left.known(Fact.POSITION), right.known(Fact.POSITION)), (left, right)
         if positions[0].value is None or positions[1].value is None or positions[0].at != positions[1].at:
             return None
-        if left.known(Fact.MARK).at < self._drive.state.gap_at:
+        if left.last(Fact.MARK).at < self._drive.state.gap_at:
+            self._find_out()
             return None
-        rpm = [sign * float(axis.last(Fact.SPEED).value or 0.0) for sign, axis in zip(self._signs, speeds, strict=True)]
-        counts = [sign * known.value for sign, known in zip(self._signs, positions, strict=True)]
+        rpm = [sign * float(axis.last(Fact.SPEED).value or 0.0) for sign, axis in zip(self.signs, speeds, strict=True)]
+        counts = [sign * known.value for sign, known in zip(self.signs, positions, strict=True)]
         return Counts(positions[0].at, (counts[0], counts[1]), (rpm[0], rpm[1]))
+
+    def _find_out(self) -> None:
+        """Ask whether the drive has restarted while it was not heard."""
+
+        async def find_out() -> None:
+            with contextlib.suppress(BusError):
+                await self._knowledge.see_restart()
+            self._finding_out = False
+
+        if not self._finding_out and self._bus.connected:
+            self._finding_out = True
+            self._bus.spawn(find_out(), f"rs485bus {self._drive.name} restart")
 
     def may_have_restarted(self, at: float, before: tuple[int, int], seen: Counts) -> bool:
         """Whether a drive that is in no mode, which shows no restart by that, was silent and counts from zero now."""

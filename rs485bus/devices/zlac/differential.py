@@ -4,22 +4,88 @@ from __future__ import annotations
 
 import math
 from collections.abc import AsyncIterator
+from types import TracebackType
+from typing import Literal
 
 import anyio
 
 from rs485bus.arguments import positive, real
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.zlac.odometry import Odometry, OdometrySample, Pose
+from rs485bus.devices.zlac.streams import PairSetpoint, PairStream
 from rs485bus.devices.zlac.together import Both
 from rs485bus.devices.zlac.zlac import Zlac8015d
 from rs485bus.errors import DeviceOffline, NoReply, ReferenceLost
 from rs485bus.motion.standstill import NEVER
+from rs485bus.motion.streaming import Speeds
 
 _MARGIN = 1.5
 _SLACK = 0.25
 """Turns that a wheel may have turned in no time at all."""
 _PATIENCE = 1.0
 """Seconds for which poses go on though the drive does not answer."""
+
+
+class VehicleSetpoint:
+    """What a stream of a vehicle is told: `setpoint(v, omega)`, in m/s and rad/s."""
+
+    def __init__(
+        self, vehicle: DifferentialDrive, setpoint: PairSetpoint, v: float | None, omega: float | None
+    ) -> None:
+        self._vehicle = vehicle
+        self._setpoint = setpoint
+        self._limits = (v, omega)
+
+    def __call__(self, v: float, omega: float) -> None:
+        """Go ahead at `v` and turn at `omega` from now on. It replaces what was told before, and never waits.
+
+        Raises:
+            LimitExceeded, TypeError: one is no speed.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        wanted = real("v", v), real("omega", omega)
+        share = min(
+            (limit / abs(speed) for speed, limit in zip(wanted, self._limits, strict=True) if limit and speed),
+            default=1.0,
+        )
+        share = min(1.0, share)
+        self._setpoint(*self._vehicle.wheels_for(share * wanted[0], share * wanted[1]))
+
+    async def reached(self) -> None:
+        """Wait until the speeds that are wanted were told, to the end of their ramp. Raises what has ended it."""
+        await self._setpoint.reached()
+
+    @property
+    def sent(self) -> tuple[float, float]:
+        """What was told last: on a ramp, a step of it."""
+        return self._vehicle.speeds_of(*self._setpoint.sent)
+
+    @property
+    def measured(self) -> tuple[float, float]:
+        """How fast it was last seen to go and to turn."""
+        return self._vehicle.speeds_of(*self._setpoint.measured)
+
+    @property
+    def delay(self) -> float:
+        """How old the newest set-point was when its frame was sent, in seconds."""
+        return self._setpoint.delay
+
+
+class VehicleStream:
+    """A stream of set-points of a vehicle. Made by `DifferentialDrive.stream`."""
+
+    def __init__(self, vehicle: DifferentialDrive, stream: PairStream, v: float | None, omega: float | None) -> None:
+        self._vehicle = vehicle
+        self._stream = stream
+        self._limits = (v, omega)
+
+    async def __aenter__(self) -> VehicleSetpoint:
+        return VehicleSetpoint(self._vehicle, await self._stream.__aenter__(), *self._limits)
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        return await self._stream.__aexit__(kind, error, trace)
 
 
 class DifferentialDrive:
@@ -92,6 +158,51 @@ class DifferentialDrive:
         v, omega = real("v", v), real("omega", omega)
         left, right = (self._rpm(v + side * omega * self.track / 2) for side in (-1, 1))
         return self.zlac.run(self._step(left), self._step(right), acceleration=self._acceleration, replace=True)
+
+    def stream(
+        self,
+        *,
+        timeout: float = 0.25,
+        v: float | None = None,
+        omega: float | None = None,
+        acceleration: float | None = None,
+        angular_acceleration: float | None = None,
+    ) -> VehicleStream:
+        """Go as it is told: `async with vehicle.stream() as setpoint: setpoint(0.3, 0.5)`, in m/s and rad/s.
+
+        The newest set-point counts and goes out, for both wheels in one frame, as soon as the wire allows. What is
+        faster than allowed, or than a wheel can turn, is made slower so that the curve stays the same. One that is too
+        old stops the vehicle by its ramp; that is no error, and the next one goes on. Leaving the block stops it, too.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            v: the highest speed ahead and back, in m/s; None for what the wheels can.
+            omega: the highest speed about itself, in rad/s; None for what the wheels can.
+            acceleration: m/s² ahead, up and down; None for that of the wheels.
+            angular_acceleration: rad/s² about itself; None for what the wheels' acceleration makes of it.
+
+        Raises:
+            ValueError, LimitExceeded, TypeError: one of them is out of its range, or no number.
+        """
+        limits = [None if limit is None else positive(name, limit) for name, limit in (("v", v), ("omega", omega))]
+        ahead = None if acceleration is None else positive("acceleration", acceleration)
+        about = None if angular_acceleration is None else positive("angular_acceleration", angular_acceleration)
+        own = self._acceleration or self.zlac.left.acceleration
+        # Where the vehicle's are said, the wheels may do what both make of them together.
+        both = (ahead or self._speed(own)) + (about or 0.0) * self.track / 2
+        wheels = own if ahead is None and about is None else self._rpm(both)
+
+        def needs(change: Speeds) -> float:
+            left, right = (self._speed(sign * rpm) for sign, rpm in zip(self._wheels.signs, change, strict=True))
+            times = [max(map(abs, change)) / wheels]
+            if ahead is not None:
+                times.append(abs(left + right) / 2 / ahead)
+            if about is not None:
+                times.append(abs(right - left) / self.track / about)
+            return max(times)
+
+        stream = self.zlac.stream_as(positive("timeout (s)", timeout), wheels, needs)
+        return VehicleStream(self, stream, limits[0], limits[1])
 
     def stop(self) -> Handle[None]:
         """Stop with the ramp, and see both wheels stand."""
@@ -167,6 +278,19 @@ class DifferentialDrive:
                 return
         odometry.update(seen.counts)
         self._at, self._counts, self._speeds, self._seen = seen.at, seen.counts, seen.rpm, begun
+
+    def wheels_for(self, v: float, omega: float) -> tuple[float, float]:
+        """How fast the left and the right wheel turn, in rpm, for speeds ahead (m/s) and about itself (rad/s)."""
+        return self._rpm(v - omega * self.track / 2), self._rpm(v + omega * self.track / 2)
+
+    def speeds_of(self, left: float, right: float) -> tuple[float, float]:
+        """The speeds ahead (m/s) and about itself (rad/s) for those of the wheels, in rpm."""
+        ahead = self._speed(left), self._speed(right)
+        return (ahead[0] + ahead[1]) / 2, (ahead[1] - ahead[0]) / self.track
+
+    def _speed(self, rpm: float) -> float:
+        """How fast a wheel goes that turns at a speed, in m/s."""
+        return math.tau * self.wheel_radius * rpm / 60
 
     def _rpm(self, speed: float) -> float:
         """How fast a wheel turns that goes at a speed, in m/s."""

@@ -78,6 +78,7 @@ class ZlacDrive(Drive):
     longest = _LONGEST
     start_grace = 0.1
     tells_restarts = True
+    turns_through_zero = True
     causes = (Fact.FAULT, Fact.ENABLED)
     fault_remedy = "Then clear_faults() and enable(); both wheels stop for an error of one."
 
@@ -269,6 +270,12 @@ class ZlacDrive(Drive):
 
     def run_all(self, wanted: Mapping[int, tuple[float, MotionParameters]]) -> Plan[None]:
         yield from plans.run(self, wanted)
+
+    def setpoint(self, axis: int, rpm: float, acceleration: float, *, afresh: bool) -> Sequence[Request]:
+        return self.setpoints({axis: rpm}, acceleration, afresh=afresh)
+
+    def setpoints(self, speeds: Mapping[int, float], acceleration: float, *, afresh: bool) -> Sequence[Request]:
+        return plans.setpoints(self, speeds, acceleration)
 
     def push_all(self, wanted: Mapping[int, tuple[int, int | None]]) -> Plan[None]:
         """Have wheels push: (mA, mA/s or None), told by one frame."""

@@ -7,6 +7,7 @@ on with an old one. A wheel that needs another mode waits until the other one st
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from rs485bus.motion.courses import is_speed
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ask, Know, OthersStand, Plan, Stand, Start
 from rs485bus.motion.state import Fact
+from rs485bus.motion.streaming import STEP
 from rs485bus.wire.frames import Request, payload
 from rs485bus.wire.registers import Repeat
 
@@ -192,6 +194,41 @@ def run(drive: ZlacDrive, wanted: Mapping[int, tuple[float, MotionParameters]]) 
         drive.keep(axis, ControlMode.VELOCITY if rpm else None, parameters.acceleration)
     # The same speed again is the same, so it may be said as often as it takes.
     yield Start(_targets(drive, r.TARGET_VELOCITY, steps), None, max(times.values()) / 1000, repeat=Repeat.SAFE)
+
+
+def stream(drive: ZlacDrive, axes: Iterable[int]) -> Plan[None]:
+    """Have it ready for speeds that are told wheels as they come."""
+    if drive.mode is not ControlMode.VELOCITY:
+        check_alone(drive, ControlMode.VELOCITY, axes)
+        yield Stand()
+    yield from resume(drive)
+    yield from enter(drive, ControlMode.VELOCITY, Synchrony.ASYNCHRONOUS, axes)
+    yield Know((Fact.SPEED,), afresh=True)
+    yield from put(drive, (r.ACCELERATION_TIME, {}), (r.DECELERATION_TIME, {}))
+
+
+def setpoints(drive: ZlacDrive, speeds: Mapping[int, float], acceleration: float) -> tuple[Request, ...]:
+    """The frames that tell wheels of a stream their next speeds, with a ramp that is as gentle as the stream's.
+
+    A stream makes steps. Where a ramp time is for any change, each is spread over the time of two steps: however small
+    it is, it is no quicker than the ramp.
+    """
+    steps, times = {}, {}
+    for axis, rpm in speeds.items():
+        ability = drive.abilities[axis]
+        steps[axis] = math.trunc(rpm * ability.resolution + math.copysign(1e-6, rpm))
+        change = drive.options.ramp_rpm or 2 * STEP * acceleration
+        time = 0.0 if math.isinf(acceleration) else 1000 * change / acceleration
+        times[axis] = min(r.MAX_RAMP, math.ceil(time - 1e-6))
+        drive.keep(axis, ControlMode.VELOCITY, acceleration)
+    targets = _targets(drive, r.TARGET_VELOCITY, steps)
+    ramps, held = [], True
+    for twin in (r.ACCELERATION_TIME, r.DECELERATION_TIME):
+        old = [drive.memory.value(twin.of(side)) for side in Side]
+        left, right = (times.get(axis, old[axis] or 0) for axis in range(len(Side)))
+        held = held and [left, right] == old
+        ramps.append((twin, left, right))
+    return (targets,) if held else (write_twins(drive.address, *ramps), targets)
 
 
 def push(drive: ZlacDrive, wanted: Mapping[int, tuple[int, int | None]]) -> Plan[None]:

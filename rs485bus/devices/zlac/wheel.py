@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
@@ -21,6 +21,8 @@ from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move, MoveTarget
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Plan
+from rs485bus.motion.setpoints import StreamCourse
+from rs485bus.motion.streaming import Streamer
 from rs485bus.motion.supervisor import Supervisor
 
 T = TypeVar("T")
@@ -233,6 +235,10 @@ class ZlacWheel(Axis):
             plans.check_alone(self._zlac, mode, axes)
             yield
 
+    def _go(self, parameters: MotionParameters, goal: MoveTarget) -> Move:
+        # A position is gone to at whole rpm, and not as fast as the wheel can run.
+        return super()._go(self.position_pace(parameters.rpm, parameters.acceleration), goal)
+
     async def _move(self, move: Move, goal: MoveTarget, parameters: MotionParameters) -> float:
         async with self._in_turn(ControlMode.POSITION_ABSOLUTE):
             # Once more, with what the drive says of itself.
@@ -244,6 +250,64 @@ class ZlacWheel(Axis):
         async with self._in_turn(ControlMode.VELOCITY):
             self._check_speed(parameters.rpm)
             return await super()._run(move, rpm, parameters, duration, ticks)
+
+    async def _stream(
+        self,
+        move: Move,
+        streamer: list[Streamer],
+        timeout: float,
+        acceleration: float,
+        started: Callable[[], None],
+    ) -> float:
+        async with self._in_turn(ControlMode.VELOCITY):
+            await self._executor.ready(standing=False)
+            await self._executor.carry(lambda: plans.stream(self._zlac, (self._at,)))
+            return await super()._stream(move, streamer, timeout, acceleration, started)
+
+    def new_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> Move:
+        """Queue its part of a stream of both wheels."""
+        move = self._new_move("stream", None)
+        self._planned = None
+        self._queue.add(move, lambda: self.stream_part(move, begin))
+        return move
+
+    @property
+    def count_limits(self) -> tuple[int, int] | None:
+        """Its limits, in the drive's counts."""
+        if self.limits is None:
+            return None
+        low, high = sorted(map(self._to_counts, self.limits))
+        return low, high
+
+    def notice_stale(self, what: str) -> None:
+        """A stream ran dry."""
+        self._notice_stale(what)
+
+    async def stream_part(
+        self,
+        move: Move,
+        begin: Callable[[dict[int, float]], Awaitable[Streamer]],
+    ) -> float:
+        """Follow, with the other wheel, speeds that one streamer tells both."""
+        async with self._in_turn(ControlMode.VELOCITY):
+            assert self.joint is not None
+            joint, executor = self.joint, self._executor
+            await executor.ready(standing=False)
+            await joint.once(self._at, lambda: executor.carry(lambda: plans.stream(self._zlac, (0, 1))))
+            streamers: list[Streamer] = []
+
+            async def follow(rpm: float) -> StreamCourse:
+                streamer = await joint.meet(self._at, rpm, begin)
+                streamers.append(streamer)
+                now, grace, interval = self.bus.now(), self._zlac.start_grace, self._supervisor.interval
+                counts = self._ability.counts_per_turn
+                return StreamCourse(self._state, now, grace, streamer, self._at, counts, interval)
+
+            try:
+                return self._to_units(await executor.follow(move, follow))
+            finally:
+                for each in streamers:
+                    each.close()
 
     async def _push(self, move: Move, milliamperes: int, slope: int | None) -> float:
         wanted = (milliamperes, slope)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, Literal, TypeVar
 
-from rs485bus.arguments import flag, pair
+from rs485bus.arguments import flag, pair, positive
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.schedule.job import Urgency
@@ -22,6 +22,7 @@ from rs485bus.devices.zlac.memory import read_words
 from rs485bus.devices.zlac.parameters import check_parameter, set_brakes, write_parameter
 from rs485bus.devices.zlac.setup import ZlacSetup, set_up
 from rs485bus.devices.zlac.status import BLOCKS, ZlacStatus, status_from
+from rs485bus.devices.zlac.streams import PairStream
 from rs485bus.devices.zlac.telemetry import Snapshot, snapshot
 from rs485bus.devices.zlac.together import Both
 from rs485bus.devices.zlac.values import Brake, Side
@@ -30,6 +31,7 @@ from rs485bus.devices.zlac.wheel import pair as pair_wheels
 from rs485bus.motion.move import Move
 from rs485bus.motion.plan import Plan, Stand
 from rs485bus.motion.state import Fact
+from rs485bus.motion.streaming import Speeds, Streamer
 from rs485bus.motion.supervisor import Supervisor
 from rs485bus.wire.frames import payload, unit_address
 from rs485bus.wire.registers import Block, Register
@@ -210,6 +212,39 @@ class Zlac8015d:
     def torque(self, left: int, right: int, *, slope: int | None = None) -> Both[float]:
         """Push with both wheels, in mA, told by one frame. Arguments and errors as for a wheel."""
         return self._pair(lambda wheel, torque: wheel.torque(torque, slope=slope), left, right)
+
+    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> PairStream:
+        """Turn both wheels at speeds that are told as they come, in rpm.
+
+        `async with base.stream() as setpoint: setpoint(60, 40)`.
+
+        The newest set-point counts and goes out, for both wheels in one frame, as soon as the wire allows. One that is
+        too old stops both by their ramp; that is no error, and the next one goes on. Leaving the block stops them, too.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            acceleration: of a wheel, in rpm/s, up and down; None for the wheels' own, infinity for a jump.
+
+        Raises:
+            LimitExceeded, TypeError: one of them is out of its range, or no number.
+        """
+        rate = positive("acceleration (rpm/s)", self.left.acceleration if acceleration is None else acceleration)
+        return PairStream(self, self._drive, positive("timeout (s)", timeout), rate)
+
+    def stream_as(self, timeout: float, acceleration: float, needs: Callable[[Speeds], float]) -> PairStream:
+        """The same where a change of both speeds takes as long as `needs` says. For a vehicle."""
+        return PairStream(self, self._drive, timeout, acceleration, needs)
+
+    def queue_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> tuple[Move, Move]:
+        """Queue a stream of both wheels."""
+        first = self.left.new_stream(begin)
+        try:
+            second = self.right.new_stream(begin)
+        except Exception:
+            first.cancel()
+            raise
+        pair_wheels(self._wheels, (first, second))
+        return first, second
 
     def set_zero(self) -> Both[None]:
         """Make the positions at which both wheels then stand their zeros."""

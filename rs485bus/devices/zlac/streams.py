@@ -1,0 +1,175 @@
+"""Set-points of both wheels: each tells both by one frame, and one that is too old stops both by their ramp."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from types import TracebackType
+from typing import TYPE_CHECKING, Literal
+
+from rs485bus.arguments import real
+from rs485bus.errors import BusError, MotionError, MoveCancelled
+from rs485bus.motion.move import Move
+from rs485bus.motion.state import Fact
+from rs485bus.motion.streaming import STEP, Speeds, Streamer, Terms
+
+if TYPE_CHECKING:
+    from rs485bus.devices.zlac.drive import ZlacDrive
+    from rs485bus.devices.zlac.zlac import Zlac8015d
+
+
+class PairSetpoint:
+    """What a stream of both wheels is told: `setpoint(60.0, 40.0)`, in rpm, positive the way the wheels count."""
+
+    def __init__(self, drive: ZlacDrive, moves: tuple[Move, Move], signs: tuple[int, int]) -> None:
+        self.streamer: Streamer | None = None
+        """What tells the speeds, once it does."""
+        self._drive = drive
+        self._moves = moves
+        self._signs = signs
+
+    def __call__(self, left: float, right: float) -> None:
+        """Turn at these speeds from now on. It replaces the ones before, and never waits.
+
+        They are approached by the ramp of the stream, both in proportion. What is faster than a wheel can turn is cut,
+        of both by the same part.
+
+        Raises:
+            LimitExceeded, TypeError: one is no speed.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        speeds = real("left", left), real("right", right)
+        self.check()
+        assert self.streamer is not None
+        self.streamer.want(*(sign * speed for sign, speed in zip(self._signs, speeds, strict=True)))
+
+    def check(self) -> None:
+        """Raise what has ended the stream."""
+        failed = [move for move in self._moves if move.error is not None]
+        for move in self._moves:
+            move.seen = move.seen or bool(failed)
+        if failed:
+            raise min((move.error for move in failed if move.error), key=lambda why: isinstance(why, MoveCancelled))
+        if self.streamer is None or self.streamer.ended:
+            raise MotionError(f"{self._drive.name}: its stream has ended: set-points go into its block.")
+
+    async def reached(self) -> None:
+        """Wait until the speeds that are wanted were told, to the end of their ramp. Raises what has ended it."""
+        while self.streamer is None or self.streamer.is_on_its_way:
+            self.check()
+            await asyncio.sleep(STEP / 2)
+
+    @property
+    def sent(self) -> tuple[float, float]:
+        """The speeds that were told last, in rpm: on a ramp, a step of them."""
+        if self.streamer is None:
+            return 0.0, 0.0
+        left, right = (sign * rpm for sign, rpm in zip(self._signs, self.streamer.told.speeds, strict=True))
+        return left, right
+
+    @property
+    def measured(self) -> tuple[float, float]:
+        """The speeds that were last seen, in rpm."""
+        left, right = (
+            sign * float(axis.last(Fact.SPEED).value or 0.0)
+            for sign, axis in zip(self._signs, self._drive.state.axes, strict=True)
+        )
+        return left, right
+
+    @property
+    def delay(self) -> float:
+        """How old the newest set-point was when its frame was sent, in seconds."""
+        return 0.0 if self.streamer is None else self.streamer.told.delay
+
+
+class PairStream:
+    """A stream of set-points of both wheels. Made by `Zlac8015d.stream`.
+
+    Args:
+        base: the drive's facade.
+        drive: the drive.
+        timeout: seconds after which a set-point is too old.
+        acceleration: rpm/s of a wheel, up and down.
+        needs: seconds that a change of both speeds, in rpm and in the drive's directions, takes at least; None for what
+            the acceleration makes of it.
+    """
+
+    def __init__(
+        self,
+        base: Zlac8015d,
+        drive: ZlacDrive,
+        timeout: float,
+        acceleration: float,
+        needs: Callable[[Speeds], float] | None = None,
+    ) -> None:
+        self._base = base
+        self._drive = drive
+        self._timeout = timeout
+        self._acceleration = acceleration
+        self._needs = needs
+        self._moves: tuple[Move, Move] | None = None
+        self._setpoint: PairSetpoint | None = None
+        self._started = asyncio.Event()
+
+    async def __aenter__(self) -> PairSetpoint:
+        base = self._base
+        wheels = (base.left, base.right)
+        self._started = asyncio.Event()
+        self._moves = base.queue_stream(self._begin)
+        signs = tuple(-1 if wheel.reverse else 1 for wheel in wheels)
+        setpoint = self._setpoint = PairSetpoint(self._drive, self._moves, (signs[0], signs[1]))
+        for move in self._moves:
+            move.add_done_callback(lambda _: self._started.set())
+        try:
+            await self._started.wait()
+        except BaseException:
+            self._give_up()
+            raise
+        if setpoint.streamer is None:
+            await asyncio.gather(*(move.wait() for move in self._moves), return_exceptions=True)
+            setpoint.check()
+        return setpoint
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> Literal[False]:
+        moves, setpoint = self._moves, self._setpoint
+        assert moves is not None
+        assert setpoint is not None
+        if error is not None:
+            self._give_up()
+            return False
+        if setpoint.streamer is not None:
+            setpoint.streamer.end()
+        try:
+            ended = await asyncio.gather(*(move.wait() for move in moves), return_exceptions=True)
+        except BaseException:
+            self._give_up()
+            raise
+        errors = [each for each in ended if isinstance(each, BusError) and not isinstance(each, MoveCancelled)]
+        if errors:
+            raise errors[0]
+        return False
+
+    async def _begin(self, speeds: dict[int, float]) -> Streamer:
+        """Both wheels are ready, and have these speeds."""
+        assert self._setpoint is not None
+        limits = [wheel.count_limits for wheel in (self._base.left, self._base.right)]
+        terms = Terms(
+            acceleration=self._acceleration,
+            timeout=self._timeout,
+            highest=self._drive.abilities[0].speed_limit,
+            limits=tuple(limits) if any(limits) else (),
+            needs=self._needs,
+        )
+        self._setpoint.streamer = Streamer(
+            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left.notice_stale
+        )
+        self._started.set()
+        return self._setpoint.streamer
+
+    def _give_up(self) -> None:
+        for move in self._moves or ():
+            move.seen = True
+        if any(not move.done() for move in self._moves or ()):
+            self._base.stop()

@@ -1,0 +1,104 @@
+"""Streams of set-points of a wheel and of both."""
+
+import asyncio
+
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from rs485bus.devices.zlac.values import Fault, Side
+from rs485bus.errors import BusError
+from rs485bus.sim import Noise
+from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
+
+
+@on_virtual_clock
+async def test_a_stream_of_both_wheels_tells_both_by_one_frame_and_leaves_them_standing() -> None:
+    async with plant(reverse=(False, True)) as p:
+        async with p.base.stream(acceleration=200) as setpoint:
+            begun = len(p.sim.asked)
+            for _ in range(40):
+                setpoint(60.0, 30.0)
+                await asyncio.sleep(0.05)
+            assert p.rpm() == pytest.approx((60, -30), abs=1)
+            assert setpoint.sent == (60.0, 30.0)
+            assert setpoint.measured == pytest.approx((60, 30), abs=2)
+            assert not [write for write in p.sim.writes(begun) if write.startswith("06")]
+        assert p.rpm() == (0, 0)
+        await p.base.move_by(0.5, 0.5)
+
+
+@on_virtual_clock
+async def test_an_old_set_point_stops_both_by_the_ramp_and_the_next_one_goes_on() -> None:
+    async with plant() as p, p.base.stream(acceleration=200) as setpoint:
+        for _ in range(20):
+            setpoint(60.0, 60.0)
+            await asyncio.sleep(0.05)
+        await asyncio.sleep(0.25 + 0.3 + 0.3)
+        assert p.rpm() == (0, 0)
+        for _ in range(20):
+            setpoint(40.0, -40.0)
+            await asyncio.sleep(0.05)
+        assert p.rpm() == pytest.approx((40, -40), abs=1)
+
+
+@on_virtual_clock
+async def test_a_wheel_alone_is_streamed_while_the_other_one_runs() -> None:
+    async with plant() as p:
+        await p.base.right.run(50)
+        async with p.base.left.stream(acceleration=200) as setpoint:
+            for _ in range(30):
+                setpoint(-40.0)
+                await asyncio.sleep(0.05)
+            assert p.rpm() == pytest.approx((-40, 50), abs=1)
+        assert p.rpm() == (0, 50)
+        await p.base.stop()
+
+
+@on_virtual_clock
+async def test_a_fault_ends_the_stream_and_is_raised_by_the_next_set_point() -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        with pytest.raises(BusError, match="over current"):
+            async with p.base.stream() as setpoint:
+                for turn in range(100):
+                    setpoint(60.0, 60.0)
+                    await asyncio.sleep(0.05)
+                    if turn == 30:
+                        p.sim.fail(Side.LEFT, Fault.OVER_CURRENT, p.now)
+        await asyncio.sleep(0.5)
+        assert p.rpm() == (0, 0)
+        await p.base.clear_faults()
+
+
+@pytest.mark.parametrize("ramp_rpm", [None, 1000.0], ids=["for any change", "for the whole range"])
+@settings(max_examples=6, phases=(Phase.explicit, Phase.generate), deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-150, 150), st.floats(-150, 150), st.floats(0.01, 0.4)), min_size=2, max_size=12),
+    st.integers(0, 5),
+)
+def test_the_ramp_asked_for_is_kept_by_either_reading_whatever_is_streamed(
+    ramp_rpm: float | None, told: list[tuple[float, float, float]], seed: int
+) -> None:
+    @on_virtual_clock
+    async def go() -> None:
+        sim = WatchedZlac(ramp_rpm=ramp_rpm)
+        noise = Noise(lost_reply=0.02)
+        async with plant(sim, noise=noise, seed=seed, ramp_rpm=ramp_rpm, speed_resolution=10) as p:
+            seen: list[tuple[float, float]] = []
+
+            async def watch() -> None:
+                while True:
+                    seen.append(p.rpm())
+                    await asyncio.sleep(0.02)
+
+            watching = asyncio.ensure_future(watch())
+            async with p.base.stream(acceleration=200, timeout=0.5) as setpoint:
+                for left, right, pause in told:
+                    setpoint(left, right)
+                    await asyncio.sleep(pause)
+            watching.cancel()
+            for side in (0, 1):
+                steps = [abs(b[side] - a[side]) for a, b in zip(seen, seen[5:], strict=False)]
+                assert max(steps, default=0) <= 1.1 * 200 * 0.1 + 1
+
+    go()

@@ -169,6 +169,8 @@ def _hull(evidence: Evidence) -> Iterator[Finding]:
             began = leg.begun < leg.call.ended
             if not began or leg.target is None or leg.start is None or leg.call.verb not in ("move_to", "move_by"):
                 continue
+            if any(mishap.what == "fault" and leg.begun <= mishap.at <= leg.until for mishap in shaft.mishaps):
+                continue  # who lets go of a shaft that turns lets it roll on
             low, high = sorted((leg.start, leg.target))
             for sample in shaft.between(leg.begun, min(leg.until, evidence.ended)):
                 if not low - leg.slack <= sample.position <= high + leg.slack:
@@ -305,8 +307,9 @@ def _watchdogs(evidence: Evidence) -> Iterator[Finding]:
         return
     for address, (before, after) in evidence.armed.items():
         shafts = [shaft for shaft in evidence.shafts.values() if shaft.address == address]
-        mishap = any(shaft.mishaps or shaft.deaf for shaft in shafts) or evidence.away
-        if after != before and not (after and mishap):
+        mishap = any(shaft.mishaps or shaft.deaf for shaft in shafts) or bool(evidence.away)
+        told = any("watchdog" in call.verb and call.error is not None for call in evidence.calls)
+        if after != before and not (after and (mishap or told)):
             yield f"the watchdog of drive {address} is left at {after} ms, and was at {before} ms"
         if after and any(shaft.samples[-1].rpm for shaft in shafts):
             yield f"drive {address} turns in the end with a watchdog of {after} ms that nobody feeds"

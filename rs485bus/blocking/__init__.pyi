@@ -6,7 +6,7 @@ Written by `python -m tests.blocking.stub` from the asynchronous classes; a test
 from collections.abc import Iterator as _Iterator
 from types import TracebackType as _TracebackType
 from typing import Generic, Literal, Self, TypeVar, overload
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.functions import RequestOptions
@@ -24,7 +24,8 @@ from rs485bus.devices.tlr.homing import Homing as Homing2
 from rs485bus.devices.tlr.stepper import TlrStatus, Version
 from rs485bus.devices.tlr.tables import Path, SpeedPath
 from rs485bus.devices.tlr.values import BaudRate, DiFunction, DoFunction, LimitStop, OperatingMode, PathMode, PathTrigger, SerialFormat
-from rs485bus.devices.zlac.odometry import Pose
+from rs485bus.devices.zlac.counters import Counts
+from rs485bus.devices.zlac.odometry import OdometrySample, Pose
 from rs485bus.devices.zlac.setup import ZlacSetup
 from rs485bus.devices.zlac.status import ZlacStatus
 from rs485bus.devices.zlac.telemetry import Snapshot
@@ -34,6 +35,8 @@ from rs485bus.motion.joint import Part
 from rs485bus.motion.move import MoveState
 from rs485bus.motion.plan import Plan
 from rs485bus.motion.sample import AxisSample
+from rs485bus.motion.state import AxisState, Fact
+from rs485bus.motion.streaming import Speeds, Streamer
 from rs485bus.plant import PlantFile
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
@@ -274,6 +277,36 @@ class AxisGroup:
             NotSupported: one of them cannot be told speeds in a stream.
             LimitExceeded, TypeError: an argument is out of its range, or no number.
         """
+        ...
+
+class AxisKnowledge:
+    """What is known of one axis, for who is about to decide something.
+
+    Args:
+        bus: the bus its drive is on.
+        drive: its drive.
+        axis: which one of the drive it is.
+        name: names it in messages.
+        questions: asks the drive.
+    """
+    state: AxisState
+    def afresh(self, *facts: Fact) -> None:
+        """Ask for facts now."""
+        ...
+    def check_reference(self) -> None:
+        """Raise `ReferenceLost` where its positions are not to be trusted."""
+        ...
+    def know(self, facts: Iterable[Fact], *, since: float | None = None) -> None:
+        """Have facts that were asked for since a time, or at least since the last frame that can have changed them."""
+        ...
+    def notice_restart(self) -> None:
+        """Trust its positions no more, if what is known shows that the drive has restarted."""
+        ...
+    def see_restart(self, *facts: Fact) -> None:
+        """Ask for what a restart would change, and for other facts, since the drive may have restarted last."""
+        ...
+    def stands(self) -> bool:
+        """Whether the axis stands, as can be seen now."""
         ...
 
 class Barrier(Generic[K]):
@@ -562,6 +595,39 @@ class Cancellable(Handle[T]):
     def __enter__(self) -> Self: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
 
+class Counters:
+    """The counters of both wheels.
+
+    Args:
+        bus: the bus the drive is on.
+        drive: the drive.
+        signs: 1 or -1 for each wheel: which way it counts ahead.
+        knowledge: what is known of either wheel.
+    """
+    signs: tuple[int, int]
+    counts_per_turn: tuple[int, int]
+    @property
+    def fastest(self) -> float:
+        """rpm that a wheel may have."""
+        ...
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call back whenever the drive was heard."""
+        ...
+    def may_have_restarted(self, at: float, before: tuple[int, int], seen: Counts) -> bool:
+        """Whether a drive that is in no mode, which shows no restart by that, was silent and counts from zero now."""
+        ...
+    @property
+    def restarts(self) -> int:
+        """How often the drive was seen to have restarted."""
+        ...
+    def seen(self) -> Counts | None:
+        """What was told last; None while it is not known, or not whether the drive has restarted since."""
+        ...
+    @property
+    def zeroings(self) -> tuple[int, int]:
+        """How often each counter may have begun anew, because it was told to."""
+        ...
+
 class DataFunctions:
     """What reads and writes a device's data."""
     address: int
@@ -713,22 +779,25 @@ class DifferentialDrive:
     x is ahead and y to the left of where it began, in metres; headings are radians, counter-clockwise. Positive speeds
     of both wheels must take it ahead: `Zlac8015d(reverse=(False, True))` where the right one is mounted mirrored.
 
+    Every answer of the drive counts, whoever asked: no way of the wheels is lost that was seen.
+
     Args:
         zlac: the drive and its wheels.
         wheel_radius: metres.
         track: metres between the wheels where they touch the ground.
         acceleration: m/s² of a wheel; None for the wheels' own.
+        variance: of the way of a wheel, in m² for each metre that it goes: what slip and worn tyres make of it.
     """
     zlac: Zlac8015d
     wheel_radius: float
     track: float
-    def __init__(self, zlac: Zlac8015d, wheel_radius: float, track: float, *, acceleration: float | None = None) -> None:
+    def __init__(self, zlac: Zlac8015d, wheel_radius: float, track: float, *, acceleration: float | None = None, variance: float = 0.0001) -> None:
         ...
     def drive(self, v: float, omega: float) -> Both[float]:
         """Go ahead at `v` m/s and turn at `omega` rad/s, from now on. It replaces the speeds that were told before.
 
         The handle is done once both wheels have their speed. The drive takes speeds in steps (`speed_resolution`); the
-        nearest ones are told.
+        next ones towards zero are told.
 
         Raises:
             LimitExceeded: a wheel would have to turn too fast.
@@ -737,26 +806,59 @@ class DifferentialDrive:
         ...
     @property
     def pose(self) -> Pose:
-        """Where it was at the last `update`."""
+        """Where it was when the drive was last heard."""
         ...
     def poses(self, every: float = 0.05) -> Stream[Pose]:
-        """Where it is, about every so many seconds."""
+        """Where it is, about every so many seconds. What is not answered is asked again, for a second.
+
+        Raises:
+            NoReply, DeviceOffline: the drive has not answered for longer.
+        """
         ...
     def reset(self, pose: Pose | None = None) -> None:
         """Say where it is; None for the origin. Counting goes on from the present counts."""
         ...
+    @property
+    def sample(self) -> OdometrySample | None:
+        """Where it was and how fast when the drive was last heard, and how certain that is; None before `update`."""
+        ...
+    def speeds_of(self, left: float, right: float) -> tuple[float, float]:
+        """The speeds ahead (m/s) and about itself (rad/s) for those of the wheels, in rpm."""
+        ...
     def stop(self) -> Handle[None]:
         """Stop with the ramp, and see both wheels stand."""
+        ...
+    def stream(self, *, timeout: float = 0.25, v: float | None = None, omega: float | None = None, acceleration: float | None = None, angular_acceleration: float | None = None) -> VehicleStream:
+        """Go as it is told: `async with vehicle.stream() as setpoint: setpoint(0.3, 0.5)`, in m/s and rad/s.
+
+        The newest set-point counts and goes out, for both wheels in one frame, as soon as the wire allows. What is
+        faster than allowed, or than a wheel can turn, is made slower so that the curve stays the same. One that is too
+        old stops the vehicle by its ramp; that is no error, and the next one goes on. Leaving the block stops it, too.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            v: the highest speed ahead and back, in m/s; None for what the wheels can.
+            omega: the highest speed about itself, in rad/s; None for what the wheels can.
+            acceleration: m/s² ahead, up and down; None for that of the wheels.
+            angular_acceleration: rad/s² about itself; None for what the wheels' acceleration makes of it.
+
+        Raises:
+            ValueError, LimitExceeded, TypeError: one of them is out of its range, or no number.
+        """
         ...
     def update(self) -> Pose:
         """Read both counters and say where that puts it.
 
-        Between two updates it is taken to go an arc: update often while it turns, ten times a second, say.
+        Between two readings it is taken to go an arc: update often while it turns, ten times a second, say. Where the
+        drive was not heard for a while it is asked first whether it has restarted.
 
         Raises:
-            ReferenceLost: a counter jumped further than its wheel can have turned: the drive may have restarted.
-                `reset` says where the vehicle is.
+            ReferenceLost: the drive has restarted, or a counter jumped further than its wheel can have turned. `reset`
+                says where the vehicle is.
         """
+        ...
+    def wheels_for(self, v: float, omega: float) -> tuple[float, float]:
+        """How fast the left and the right wheel turn, in rpm, for speeds ahead (m/s) and about itself (rad/s)."""
         ...
 
 class GroupMove(Cancellable[dict[str, float]]):
@@ -1264,6 +1366,50 @@ class Outputs(Table[DoFunction]):
         """Which are on."""
         ...
 
+class PairSetpoint:
+    """What a stream of both wheels is told: `setpoint(60.0, 40.0)`, in rpm, positive the way the wheels count."""
+    streamer: Streamer | None
+    def __call__(self, left: float, right: float) -> None:
+        """Turn at these speeds from now on. It replaces the ones before, and never waits.
+
+        They are approached by the ramp of the stream, both in proportion. What is faster than a wheel can turn is cut,
+        of both by the same part.
+
+        Raises:
+            LimitExceeded, TypeError: one is no speed.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        ...
+    @property
+    def delay(self) -> float:
+        """How old the newest set-point was when its frame was sent, in seconds."""
+        ...
+    @property
+    def measured(self) -> tuple[float, float]:
+        """The speeds that were last seen, in rpm."""
+        ...
+    def reached(self) -> None:
+        """Wait until the speeds that are wanted were told, to the end of their ramp. Raises what has ended it."""
+        ...
+    @property
+    def sent(self) -> tuple[float, float]:
+        """The speeds that were told last, in rpm: on a ramp, a step of them."""
+        ...
+
+class PairStream:
+    """A stream of set-points of both wheels. Made by `Zlac8015d.stream`.
+
+    Args:
+        base: the drive's facade.
+        drive: the drive.
+        timeout: seconds after which a set-point is too old.
+        acceleration: rpm/s of a wheel, up and down.
+        needs: seconds that a change of both speeds, in rpm and in the drive's directions, takes at least; None for what
+            the acceleration makes of it.
+    """
+    def __enter__(self) -> PairSetpoint: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+
 class Paths(Table[Path]):
     """The 16 paths.
 
@@ -1576,6 +1722,37 @@ class Unit(DataFunctions, DiagnosticFunctions):
         """
         ...
 
+class VehicleSetpoint:
+    """What a stream of a vehicle is told: `setpoint(v, omega)`, in m/s and rad/s."""
+    def __call__(self, v: float, omega: float) -> None:
+        """Go ahead at `v` and turn at `omega` from now on. It replaces what was told before, and never waits.
+
+        Raises:
+            LimitExceeded, TypeError: one is no speed.
+            MotionError, RequestFailed: what has ended the stream.
+        """
+        ...
+    @property
+    def delay(self) -> float:
+        """How old the newest set-point was when its frame was sent, in seconds."""
+        ...
+    @property
+    def measured(self) -> tuple[float, float]:
+        """How fast it was last seen to go and to turn."""
+        ...
+    def reached(self) -> None:
+        """Wait until the speeds that are wanted were told, to the end of their ramp. Raises what has ended it."""
+        ...
+    @property
+    def sent(self) -> tuple[float, float]:
+        """What was told last: on a ramp, a step of it."""
+        ...
+
+class VehicleStream:
+    """A stream of set-points of a vehicle. Made by `DifferentialDrive.stream`."""
+    def __enter__(self) -> VehicleSetpoint: ...
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
+
 class WatchdogGuard:
     """An async context manager over the watchdogs of some devices. Made by `axis.watchdog` and `bus.watchdog`.
 
@@ -1637,6 +1814,7 @@ class Zlac8015d:
     name: str
     left: ZlacWheel
     right: ZlacWheel
+    counters: Counters
     def __init__(self, bus: Bus, address: int, *, units_per_turn: float = 1.0, reverse: tuple[bool, bool] = ..., limits: tuple[float, float] | None = None, rpm: float = 60.0, acceleration: float = 120.0, max_rpm: float = 1000.0, tolerance: int = 16, encoder_lines: int | None = None, speed_resolution: int | None = None, status_word_left: Literal['low', 'high'] = 'low', ramp_rpm: float | None = None, smooth_stop: bool = False, scaled_position_speed: bool = False, zero_in_position_mode: bool = False) -> None:
         ...
     def clear_fault(self) -> Both[None]:
@@ -1672,6 +1850,9 @@ class Zlac8015d:
         ...
     def parameters(self, side: Side) -> dict[str, float]:
         """All parameters of one motor, by name, in their units."""
+        ...
+    def queue_stream(self, begin: Callable[[dict[int, float]], Streamer]) -> tuple[Move, Move]:
+        """Queue a stream of both wheels."""
         ...
     def release(self) -> Both[None]:
         """Let go of both wheels, once what is queued is done and they stand. They can be turned then, and roll away."""
@@ -1726,6 +1907,25 @@ class Zlac8015d:
     def stop(self) -> Handle[None]:
         """Stop both wheels, with the ramp where they run at speeds; see them stand, and drop what is queued."""
         ...
+    def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> PairStream:
+        """Turn both wheels at speeds that are told as they come, in rpm.
+
+        `async with base.stream() as setpoint: setpoint(60, 40)`.
+
+        The newest set-point counts and goes out, for both wheels in one frame, as soon as the wire allows. One that is
+        too old stops both by their ramp; that is no error, and the next one goes on. Leaving the block stops them, too.
+
+        Args:
+            timeout: seconds after which a set-point is too old.
+            acceleration: of a wheel, in rpm/s, up and down; None for the wheels' own, infinity for a jump.
+
+        Raises:
+            LimitExceeded, TypeError: one of them is out of its range, or no number.
+        """
+        ...
+    def stream_as(self, timeout: float, acceleration: float, needs: Callable[[Speeds], float]) -> PairStream:
+        """The same where a change of both speeds takes as long as `needs` says, in seconds. For a vehicle."""
+        ...
     def torque(self, left: int, right: int, *, slope: int | None = None) -> Both[float]:
         """Push with both wheels, in mA, told by one frame. Arguments and errors as for a wheel."""
         ...
@@ -1749,6 +1949,10 @@ class ZlacWheel(Axis):
     def carry(self, plan: Callable[[], Plan[T]]) -> T:
         """Carry out a plan that concerns both wheels, and sets nothing in motion."""
         ...
+    @property
+    def count_limits(self) -> tuple[int, int] | None:
+        """Its limits, in the drive's counts."""
+        ...
     def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
         ...
@@ -1761,6 +1965,16 @@ class ZlacWheel(Axis):
     @property
     def joint(self) -> Joint | None:
         """With whom it carries out the present command."""
+        ...
+    @property
+    def knowledge(self) -> AxisKnowledge:
+        """What is known of it."""
+        ...
+    def new_stream(self, begin: Callable[[dict[int, float]], Streamer]) -> Move:
+        """Queue its part of a stream of both wheels."""
+        ...
+    def notice_stale(self, what: str) -> None:
+        """A stream ran dry."""
         ...
     def order_once(self, what: str, plan: Callable[[], Plan[None]]) -> Handle[None]:
         """Queue something that is done once for both wheels."""
@@ -1776,6 +1990,9 @@ class ZlacWheel(Axis):
         ...
     def stopped_as_pair(self, stop: Handle[None]) -> None:
         """Both wheels are being stopped."""
+        ...
+    def stream_part(self, move: Move, begin: Callable[[dict[int, float]], Streamer]) -> float:
+        """Follow, with the other wheel, speeds that one streamer tells both."""
         ...
     def torque(self, milliamperes: int, *, slope: int | None = None) -> Move:
         """Push with a torque, given as a current, until told otherwise. Done once the drive was told.

@@ -15,7 +15,7 @@ from rs485bus.errors import ReferenceLost
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
-from rs485bus.motion.state import FRESH, Fact
+from rs485bus.motion.state import FRESH, AxisState, Fact
 from rs485bus.wire.frames import Request
 
 _LOOK_AGAIN = 0.005
@@ -92,7 +92,7 @@ class AxisKnowledge:
     """
 
     def __init__(self, bus: Bus, drive: Drive, axis: int, name: str, questions: Questions) -> None:
-        self.state = drive.state.axes[axis]
+        self.state: AxisState = drive.state.axes[axis]
         self._bus = bus
         self._drive = drive
         self._axis = axis

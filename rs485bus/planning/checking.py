@@ -5,13 +5,12 @@ from __future__ import annotations
 import asyncio
 import itertools
 import random
-from contextlib import AsyncExitStack, suppress
+from contextlib import AsyncExitStack
 from typing import Any, NamedTuple
 
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.axis import Axis
-from rs485bus.errors import NotSupported
 from rs485bus.planning.frames import OFTEN, WRITES, set_points
 from rs485bus.planning.plan import PairPlan, settle, virtual_plant
 from rs485bus.plant import Plant, PlantFile
@@ -65,7 +64,7 @@ async def _check(pair: PairPlan, file: PlantFile) -> list[Measured]:
         load = (bus.stats.airtime - before) / (loop.time() - began)
         found = [Measured("load while standing", pair.load_standing, load)]
         found.append(Measured("positions asked in turn", pair.poll_rate, 1 / await _cycle(plant, pair)))
-        with suppress(NotSupported):  # by a drive that cannot be streamed
+        if all(len(drive.axes) == 1 for drive in pair.drives):  # two wheels share frames as their streams allow
             rate = await _set_points(plant, pair)
             found.append(Measured("set-points to the slowest axis", pair.set_point_rate, rate, _ROUGHLY))
         found.append(

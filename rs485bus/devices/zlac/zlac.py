@@ -232,7 +232,7 @@ class Zlac8015d:
         return PairStream(self, self._drive, positive("timeout (s)", timeout), rate)
 
     def stream_as(self, timeout: float, acceleration: float, needs: Callable[[Speeds], float]) -> PairStream:
-        """The same where a change of both speeds takes as long as `needs` says. For a vehicle."""
+        """The same where a change of both speeds takes as long as `needs` says, in seconds. For a vehicle."""
         return PairStream(self, self._drive, timeout, acceleration, needs)
 
     def queue_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> tuple[Move, Move]:

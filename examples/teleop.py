@@ -1,7 +1,7 @@
 """Turn a motor by the keys of a terminal, as with a joystick.
 
 python examples/teleop.py                            # a virtual drive
-python examples/teleop.py --port /dev/ttyUSB0        # a real MKS drive; --baudrate and --address, where they differ
+python examples/teleop.py --port /dev/ttyUSB0 --baudrate 38400 --address 1
 python examples/teleop.py --plot speeds.png          # and a picture of asked, told and measured speed
 
 Hold w or s to turn forwards or backwards, W or S to turn faster; it stands when no key is held. q ends it. Where there
@@ -97,7 +97,7 @@ def draw(speeds: list[tuple[float, float, float, float]], file: str) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Turn a motor by the keys of a terminal.")
-    parser.add_argument("--port")
+    parser.add_argument("--port", help="a serial port or a gateway; without, a virtual drive")
     parser.add_argument("--baudrate", type=int, default=38400)
     parser.add_argument("--address", type=int, default=1)
     parser.add_argument("--plot", metavar="FILE", help="draw asked, told and measured speed")

@@ -11,7 +11,7 @@ EXAMPLES = sorted(path.name for path in FOLDER.glob("*.py"))
 
 
 def test_every_example_is_on_the_ladder() -> None:
-    assert sorted(set(re.findall(r"\]\((\w+\.py)\)", LADDER))) == EXAMPLES
+    assert sorted(set(re.findall(r"\]\((\w+\.py)\)", LADDER))) == EXAMPLES, "examples/README.md lists them"
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -6,6 +6,7 @@ python -m tests.blocking.stub
 from __future__ import annotations
 
 import ast
+import builtins
 import functools
 import importlib
 import inspect
@@ -328,7 +329,9 @@ class Stub:
                 else:
                     assert init is not None
                     kind = self._inferred(value, init, base.__module__)
-                    if name in UNTYPED and (kind is None or UNTYPED[name] == "float"):
+                    told = UNTYPED.get(name, "")
+                    known = told in dir(builtins) or told in names_of(base.__module__)
+                    if known and (kind is None or told == "float"):
                         kind = self._name(UNTYPED[name], base.__module__)
                     if kind is None:
                         self.untyped.append(f"{base.__module__}.{base.__name__}.{name}")

@@ -62,7 +62,7 @@ class Page:
         monkeypatch.setattr(shared_loop, "make", VirtualClockLoop)
         monkeypatch.setattr(asyncio, "run", _run)
         monkeypatch.setattr("time.sleep", shared_loop.sleep)
-        self.names: dict[str, Any] = {"__name__": "guide"}
+        self.names: dict[str, Any] = {"__name__": "guide", "asyncio": asyncio}
 
     def run(self, block: Block, page: str) -> None:
         """Run a block; the tests that it defines are left to the caller."""

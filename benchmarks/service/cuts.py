@@ -182,7 +182,7 @@ async def _time_stop(plant: Plant, drive: Any, kind: str, how: str) -> Cut:
         await asyncio.sleep(0.002)
     seconds = _now() - began
     await asyncio.sleep(0.3)
-    confirmed = await plant.x.idle() and not drive.motion.motor.moving(_now())
+    confirmed = plant.x.sample.moving is False and not drive.motion.motor.moving(_now())
     return Cut(kind, how, seconds, confirmed)
 
 

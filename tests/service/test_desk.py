@@ -262,9 +262,14 @@ def test_axes_are_remembered_as_held_until_they_were_seen_to_stand() -> None:
     office.take("x", seconds=1.0)
     office.write()
     assert office.ledger.recover()[1] == frozenset("x")
+    office.confirms = False
     office.wait(1.1)
+    office.take("y", client="b", seconds=60)
     office.write()
-    assert office.ledger.recover()[1] == frozenset()
+    assert office.ledger.recover()[1] == frozenset("xy")
+    office.do(office.desk.halted(office.halts[0][0], None, office.now))
+    office.write()
+    assert office.ledger.recover()[1] == frozenset("y")
 
 
 # Age

@@ -6,7 +6,7 @@ Written by `python -m tests.blocking.stub` from the asynchronous classes; a test
 from collections.abc import Iterator as _Iterator
 from types import TracebackType as _TracebackType
 from typing import Generic, Literal, Self, TypeVar, overload
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.functions import RequestOptions
@@ -24,7 +24,6 @@ from rs485bus.devices.tlr.homing import Homing as Homing2
 from rs485bus.devices.tlr.stepper import TlrStatus, Version
 from rs485bus.devices.tlr.tables import Path, SpeedPath
 from rs485bus.devices.tlr.values import BaudRate, DiFunction, DoFunction, LimitStop, OperatingMode, PathMode, PathTrigger, SerialFormat
-from rs485bus.devices.zlac.counters import Counts
 from rs485bus.devices.zlac.odometry import OdometrySample, Pose
 from rs485bus.devices.zlac.setup import ZlacSetup
 from rs485bus.devices.zlac.status import ZlacStatus
@@ -35,8 +34,7 @@ from rs485bus.motion.joint import Part
 from rs485bus.motion.move import MoveState
 from rs485bus.motion.plan import Plan
 from rs485bus.motion.sample import AxisSample
-from rs485bus.motion.state import AxisState, Fact
-from rs485bus.motion.streaming import Speeds, Streamer
+from rs485bus.motion.streaming import Streamer
 from rs485bus.plant import PlantFile
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
@@ -277,36 +275,6 @@ class AxisGroup:
             NotSupported: one of them cannot be told speeds in a stream.
             LimitExceeded, TypeError: an argument is out of its range, or no number.
         """
-        ...
-
-class AxisKnowledge:
-    """What is known of one axis, for who is about to decide something.
-
-    Args:
-        bus: the bus its drive is on.
-        drive: its drive.
-        axis: which one of the drive it is.
-        name: names it in messages.
-        questions: asks the drive.
-    """
-    state: AxisState
-    def afresh(self, *facts: Fact) -> None:
-        """Ask for facts now."""
-        ...
-    def check_reference(self) -> None:
-        """Raise `ReferenceLost` where its positions are not to be trusted."""
-        ...
-    def know(self, facts: Iterable[Fact], *, since: float | None = None) -> None:
-        """Have facts that were asked for since a time, or at least since the last frame that can have changed them."""
-        ...
-    def notice_restart(self) -> None:
-        """Trust its positions no more, if what is known shows that the drive has restarted."""
-        ...
-    def see_restart(self, *facts: Fact) -> None:
-        """Ask for what a restart would change, and for other facts, since the drive may have restarted last."""
-        ...
-    def stands(self) -> bool:
-        """Whether the axis stands, as can be seen now."""
         ...
 
 class Barrier(Generic[K]):
@@ -594,39 +562,6 @@ class Cancellable(Handle[T]):
         ...
     def __enter__(self) -> Self: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
-
-class Counters:
-    """The counters of both wheels.
-
-    Args:
-        bus: the bus the drive is on.
-        drive: the drive.
-        signs: 1 or -1 for each wheel: which way it counts ahead.
-        knowledge: what is known of either wheel.
-    """
-    signs: tuple[int, int]
-    counts_per_turn: tuple[int, int]
-    @property
-    def fastest(self) -> float:
-        """rpm that a wheel may have."""
-        ...
-    def listen(self, listener: Callable[[], None]) -> None:
-        """Call back whenever the drive was heard."""
-        ...
-    def may_have_restarted(self, at: float, before: tuple[int, int], seen: Counts) -> bool:
-        """Whether a drive that is in no mode, which shows no restart by that, was silent and counts from zero now."""
-        ...
-    @property
-    def restarts(self) -> int:
-        """How often the drive was seen to have restarted."""
-        ...
-    def seen(self) -> Counts | None:
-        """What was told last; None while it is not known, or not whether the drive has restarted since."""
-        ...
-    @property
-    def zeroings(self) -> tuple[int, int]:
-        """How often each counter may have begun anew, because it was told to."""
-        ...
 
 class DataFunctions:
     """What reads and writes a device's data."""
@@ -1814,7 +1749,6 @@ class Zlac8015d:
     name: str
     left: ZlacWheel
     right: ZlacWheel
-    counters: Counters
     def __init__(self, bus: Bus, address: int, *, units_per_turn: float = 1.0, reverse: tuple[bool, bool] = ..., limits: tuple[float, float] | None = None, rpm: float = 60.0, acceleration: float = 120.0, max_rpm: float = 1000.0, tolerance: int = 16, encoder_lines: int | None = None, speed_resolution: int | None = None, status_word_left: Literal['low', 'high'] = 'low', ramp_rpm: float | None = None, smooth_stop: bool = False, scaled_position_speed: bool = False, zero_in_position_mode: bool = False) -> None:
         ...
     def clear_fault(self) -> Both[None]:
@@ -1850,9 +1784,6 @@ class Zlac8015d:
         ...
     def parameters(self, side: Side) -> dict[str, float]:
         """All parameters of one motor, by name, in their units."""
-        ...
-    def queue_stream(self, begin: Callable[[dict[int, float]], Streamer]) -> tuple[Move, Move]:
-        """Queue a stream of both wheels."""
         ...
     def release(self) -> Both[None]:
         """Let go of both wheels, once what is queued is done and they stand. They can be turned then, and roll away."""
@@ -1923,9 +1854,6 @@ class Zlac8015d:
             LimitExceeded, TypeError: one of them is out of its range, or no number.
         """
         ...
-    def stream_as(self, timeout: float, acceleration: float, needs: Callable[[Speeds], float]) -> PairStream:
-        """The same where a change of both speeds takes as long as `needs` says, in seconds. For a vehicle."""
-        ...
     def torque(self, left: int, right: int, *, slope: int | None = None) -> Both[float]:
         """Push with both wheels, in mA, told by one frame. Arguments and errors as for a wheel."""
         ...
@@ -1949,10 +1877,6 @@ class ZlacWheel(Axis):
     def carry(self, plan: Callable[[], Plan[T]]) -> T:
         """Carry out a plan that concerns both wheels, and sets nothing in motion."""
         ...
-    @property
-    def count_limits(self) -> tuple[int, int] | None:
-        """Its limits, in the drive's counts."""
-        ...
     def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
         ...
@@ -1965,16 +1889,6 @@ class ZlacWheel(Axis):
     @property
     def joint(self) -> Joint | None:
         """With whom it carries out the present command."""
-        ...
-    @property
-    def knowledge(self) -> AxisKnowledge:
-        """What is known of it."""
-        ...
-    def new_stream(self, begin: Callable[[dict[int, float]], Streamer]) -> Move:
-        """Queue its part of a stream of both wheels."""
-        ...
-    def notice_stale(self, what: str) -> None:
-        """A stream ran dry."""
         ...
     def order_once(self, what: str, plan: Callable[[], Plan[None]]) -> Handle[None]:
         """Queue something that is done once for both wheels."""
@@ -1990,9 +1904,6 @@ class ZlacWheel(Axis):
         ...
     def stopped_as_pair(self, stop: Handle[None]) -> None:
         """Both wheels are being stopped."""
-        ...
-    def stream_part(self, move: Move, begin: Callable[[dict[int, float]], Streamer]) -> float:
-        """Follow, with the other wheel, speeds that one streamer tells both."""
         ...
     def torque(self, milliamperes: int, *, slope: int | None = None) -> Move:
         """Push with a torque, given as a current, until told otherwise. Done once the drive was told.

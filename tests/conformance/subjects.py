@@ -76,7 +76,6 @@ SUBJECTS = (
         restarts=lambda sim, at: sim.power_cycle(at),
         watchdog=True,
         homes=False,
-        streams=False,
     ),
     Subject(
         name="made up",

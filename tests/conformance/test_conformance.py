@@ -300,7 +300,7 @@ async def test_a_stream_turns_it_and_its_end_stops_it(subject: Subject) -> None:
                 async with on.axis.stream() as setpoint:
                     setpoint(50)
             return
-        async with on.axis.stream(timeout=0.5) as setpoint:
+        async with on.axis.stream(timeout=0.5, acceleration=1000) as setpoint:
             for rpm in (50, 100, 150):
                 setpoint(rpm)
                 await asyncio.sleep(0.3)

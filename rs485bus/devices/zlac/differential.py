@@ -127,7 +127,7 @@ class DifferentialDrive:
         self._seen = (0, 0, 0)
         """How often the counters had begun anew by then, and the drive had restarted."""
         self._lost = ""
-        self._wheels = zlac.counters
+        self._wheels = zlac._counters
         self._wheels.listen(self._look)
 
     @property
@@ -201,7 +201,7 @@ class DifferentialDrive:
                 times.append(abs(right - left) / self.track / about)
             return max(times)
 
-        stream = self.zlac.stream_as(positive("timeout (s)", timeout), wheels, needs)
+        stream = self.zlac._stream_as(positive("timeout (s)", timeout), wheels, needs)
         return VehicleStream(self, stream, limits[0], limits[1])
 
     def stop(self) -> Handle[None]:

@@ -115,7 +115,7 @@ class PairStream:
         base = self._base
         wheels = (base.left, base.right)
         self._started = asyncio.Event()
-        self._moves = base.queue_stream(self._begin)
+        self._moves = base._queue_stream(self._begin)
         signs = tuple(-1 if wheel.reverse else 1 for wheel in wheels)
         setpoint = self._setpoint = PairSetpoint(self._drive, self._moves, (signs[0], signs[1]))
         for move in self._moves:
@@ -154,7 +154,7 @@ class PairStream:
     async def _begin(self, speeds: dict[int, float]) -> Streamer:
         """Both wheels are ready, and have these speeds."""
         assert self._setpoint is not None
-        limits = [wheel.count_limits for wheel in (self._base.left, self._base.right)]
+        limits = [wheel._count_limits for wheel in (self._base.left, self._base.right)]
         terms = Terms(
             acceleration=self._acceleration,
             timeout=self._timeout,
@@ -163,7 +163,7 @@ class PairStream:
             needs=self._needs,
         )
         self._setpoint.streamer = Streamer(
-            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left.notice_stale
+            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left._stream_ran_dry
         )
         self._started.set()
         return self._setpoint.streamer

@@ -207,7 +207,7 @@ class ZlacWheel(Axis):
         self._recount()
 
     @property
-    def knowledge(self) -> AxisKnowledge:
+    def _knowledge(self) -> AxisKnowledge:
         """What is known of it."""
         return self._executor.knowledge
 
@@ -264,26 +264,26 @@ class ZlacWheel(Axis):
             await self._executor.carry(lambda: plans.stream(self._zlac, (self._at,)))
             return await super()._stream(move, streamer, timeout, acceleration, started)
 
-    def new_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> Move:
+    def _new_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> Move:
         """Queue its part of a stream of both wheels."""
         move = self._new_move("stream", None)
         self._planned = None
-        self._queue.add(move, lambda: self.stream_part(move, begin))
+        self._queue.add(move, lambda: self._stream_part(move, begin))
         return move
 
     @property
-    def count_limits(self) -> tuple[int, int] | None:
+    def _count_limits(self) -> tuple[int, int] | None:
         """Its limits, in the drive's counts."""
         if self.limits is None:
             return None
         low, high = sorted(map(self._to_counts, self.limits))
         return low, high
 
-    def notice_stale(self, what: str) -> None:
+    def _stream_ran_dry(self, what: str) -> None:
         """A stream ran dry."""
         self._notice_stale(what)
 
-    async def stream_part(
+    async def _stream_part(
         self,
         move: Move,
         begin: Callable[[dict[int, float]], Awaitable[Streamer]],

@@ -133,7 +133,7 @@ class Zlac8015d:
         drive.on_interrupted = self._was_interrupted
         drive.on_recounted = self._recount
         signs = tuple(-1 if wheel.reverse else 1 for wheel in self._wheels)
-        self.counters = Counters(bus, drive, (signs[0], signs[1]), self.left.knowledge)
+        self._counters = Counters(bus, drive, (signs[0], signs[1]), self.left._knowledge)
         """The counters of both wheels, for odometry."""
         self._runs: list[Both[float]] = []
         """Those that another one may replace."""
@@ -231,15 +231,15 @@ class Zlac8015d:
         rate = positive("acceleration (rpm/s)", self.left.acceleration if acceleration is None else acceleration)
         return PairStream(self, self._drive, positive("timeout (s)", timeout), rate)
 
-    def stream_as(self, timeout: float, acceleration: float, needs: Callable[[Speeds], float]) -> PairStream:
+    def _stream_as(self, timeout: float, acceleration: float, needs: Callable[[Speeds], float]) -> PairStream:
         """The same where a change of both speeds takes as long as `needs` says, in seconds. For a vehicle."""
         return PairStream(self, self._drive, timeout, acceleration, needs)
 
-    def queue_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> tuple[Move, Move]:
+    def _queue_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> tuple[Move, Move]:
         """Queue a stream of both wheels."""
-        first = self.left.new_stream(begin)
+        first = self.left._new_stream(begin)
         try:
-            second = self.right.new_stream(begin)
+            second = self.right._new_stream(begin)
         except Exception:
             first.cancel()
             raise

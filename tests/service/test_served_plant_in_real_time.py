@@ -440,7 +440,8 @@ def make_certificates(folder: Path) -> None:
     """An authority, and what it signs for a broker at 127.0.0.1."""
     key = "-newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes"
     for words in (
-        f"req -x509 {key} -keyout ca.key -out ca.crt -days 2 -subj /CN=drives",
+        f"req -x509 {key} -keyout ca.key -out ca.crt -days 2 -subj /CN=drives "
+        "-addext keyUsage=critical,keyCertSign,cRLSign",
         f"req {key} -keyout server.key -out server.csr -subj /CN=127.0.0.1",
         "x509 -req -in server.csr -CA ca.crt -CAkey ca.key -CAcreateserial -out server.crt -days 2 -extfile names",
     ):

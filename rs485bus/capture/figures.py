@@ -22,19 +22,12 @@ from rs485bus.capture.explanation import Words, words_of
 from rs485bus.capture.reading import Capture, Remembers, capture_of
 from rs485bus.capture.statistics import summarise
 from rs485bus.capture.traces import Point, Trace, traces
-from rs485bus.errors import NotSupported
+from rs485bus.extras import brought_by
 
-try:
+with brought_by("plot", "matplotlib", "Pictures need"):
     from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-except ModuleNotFoundError as missing:
-    if (missing.name or "").split(".")[0] != "matplotlib":
-        raise
-    raise NotSupported(
-        "Pictures need the package matplotlib, which is not installed. Install it with:\n"
-        '    pip install "rs485bus[plot]"'
-    ) from missing
 
 _COLOURS: Final = {
     "stop": "#d62728",

@@ -12,7 +12,6 @@ from rich.live import Live
 from rich.text import Text
 
 from rs485bus.bench.jog import Jog, keys_in
-from rs485bus.bench.setpoints import set_points
 from rs485bus.cli.process import DONE, WrongUse, console
 from rs485bus.cli.session import Where, axis_named, open_plant
 
@@ -35,7 +34,7 @@ async def run_jog(where: Where, name: str, rpm: float) -> int:
         loop = asyncio.get_running_loop()
         with _keys(keys), Live(console=out, refresh_per_second=10, transient=True) as live:
             while not keys.quits:
-                async with set_points(axis, _TIMEOUT) as setpoint:
+                async with axis.stream(timeout=_TIMEOUT) as setpoint:
                     while not keys.quits and not keys.wants_enable:
                         speed = keys.speed(loop.time())
                         setpoint(speed)

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rs485bus.cli.axis import VERBS, Order
-from rs485bus.cli.process import DONE, UNKNOWN, WrongUse, console, exit_code, tell
+from rs485bus.cli.axis import VERBS, Order, tell_failure
+from rs485bus.cli.process import DONE, UNKNOWN, WrongUse, console
 from rs485bus.errors import NotSupported, StopUnconfirmed
 from rs485bus.remote import RemotePlant, connect
 from rs485bus.service.broker import Broker
@@ -59,9 +59,7 @@ async def run_order(served: Served, name: str, order: Order, as_json: bool) -> i
         raise
     except Exception as error:
         if as_json:
-            told = {"error": type(error).__name__, "message": str(error), "exit_code": exit_code(error)}
-            print(json.dumps({"axis": name, "verb": order.verb, "done": False, **told}))
-            return tell(error)
+            return tell_failure({"axis": name, "verb": order.verb}, error)
         raise
     if as_json:
         print(json.dumps({"axis": name, "verb": order.verb, "done": True, **result}))

@@ -14,7 +14,8 @@ from typing import Any
 from rs485bus.bus.recording import KEEP, MAX_BYTES, Recording
 from rs485bus.cli.process import DONE, FAILED, WrongUse, console
 from rs485bus.cli.session import Where, open_plant
-from rs485bus.errors import BusError, NotSupported
+from rs485bus.errors import BusError
+from rs485bus.extras import brought_by
 from rs485bus.monitor.watcher import Watcher
 from rs485bus.plant import Plant
 
@@ -24,15 +25,8 @@ _TOLD = 1.0
 
 def run_monitor(where: Where, record: Path | None) -> int:
     """Show a plant live, until q. Returns the exit code."""
-    try:
+    with brought_by("monitor", "textual", "The monitor needs"):
         from rs485bus.monitor.app import MonitorApp
-    except ModuleNotFoundError as missing:
-        if (missing.name or "").split(".")[0] != "textual":
-            raise
-        raise NotSupported(
-            "The monitor needs the package textual, which is not installed. Install it with:\n"
-            '    pip install "rs485bus[monitor]"'
-        ) from missing
     from rs485bus.monitor.thread import BusThread
 
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):

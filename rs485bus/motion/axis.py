@@ -613,6 +613,14 @@ class Axis:
             low, high = self.limits
             raise LimitExceeded(f"{self.name}: position {position:g} is outside its limits {low:g}..{high:g}.")
 
+    @property
+    def _count_limits(self) -> tuple[int, int] | None:
+        """The axis' limits in counts, the lower one first; None for none."""
+        if self.limits is None:
+            return None
+        low, high = sorted(map(self._to_counts, self.limits))
+        return low, high
+
     def _target(self, position: float, reach: tuple[int, int] | None = None) -> int:
         """A position in counts. Raises `LimitExceeded` where the limits or the drive's register do not allow it."""
         self._check_limits(position)
@@ -649,11 +657,7 @@ class Axis:
     async def _run(
         self, move: Move, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None
     ) -> float:
-        limits = None
-        if self.limits is not None:
-            low, high = sorted(self._to_counts(end) for end in self.limits)
-            limits = low, high
-        await self._executor.run(move, rpm, parameters, duration, ticks, limits)
+        await self._executor.run(move, rpm, parameters, duration, ticks, self._count_limits)
         return await self.position()
 
     async def _stream(
@@ -664,13 +668,13 @@ class Axis:
         acceleration: float,
         started: Callable[[], None],
     ) -> float:
-        limits = None if self.limits is None else sorted(map(self._to_counts, self.limits))
+        limits = self._count_limits
         counts_per_turn = self._ability.counts_per_turn
         terms = Terms(
             acceleration=acceleration,
             timeout=timeout,
             highest=self._ability.fastest[0],
-            limits=() if limits is None else ((limits[0], limits[1]),),
+            limits=() if limits is None else (limits,),
         )
 
         def begin(rpm: float) -> StreamCourse:

@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rs485bus.errors import NotSupported
+from rs485bus.extras import brought_by
 from rs485bus.planning.plan import PairPlan
 
-try:
+with brought_by("plot", "matplotlib", "Pictures need"):
     from matplotlib.figure import Figure
-except ModuleNotFoundError as missing:
-    if (missing.name or "").split(".")[0] != "matplotlib":
-        raise
-    raise NotSupported(
-        "Pictures need the package matplotlib, which is not installed. Install it with:\n"
-        '    pip install "rs485bus[plot]"'
-    ) from missing
 
 _FITS, _TOO_MUCH, _POLLS = "#2ca02c", "#d62728", "#1f77b4"
 

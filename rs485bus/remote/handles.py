@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from types import TracebackType
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, TypeVar, cast
 
 from rs485bus.bus.handle import Handle
+from rs485bus.motion.move import Cancellable, positions_until
 from rs485bus.service.schema import Answer
 
 T = TypeVar("T")
 
 
-class RemoteMove(Handle[T]):
+class RemoteMove(Cancellable[T]):
     """A verb that was asked for, as `Move` is one. Awaiting it gives what the verb gives.
 
     `async with move:` waits for it at the end of the block, and ends it if the block is left by an exception.
@@ -68,32 +68,6 @@ class RemoteMove(Handle[T]):
         """
         if self._position is None:
             raise TypeError(f"{self.what} moves more than one axis: look at each by itself.")
-        while not self.done():
-            yield await self._position()
-            ended = asyncio.ensure_future(self.wait())
-            try:
-                await asyncio.wait([ended], timeout=every)
-            finally:
-                if ended.done():
-                    ended.exception()  # it is raised below
-                else:
-                    ended.cancel()
-        yield float(await self.wait())  # type: ignore[arg-type] # of one axis it is a position
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> Literal[False]:
-        if error is None:
-            try:
-                await self.wait()
-            except asyncio.CancelledError:
-                self.cancel()
-                self.seen = True
-                raise
-        else:
-            self.cancel()
-            self.seen = True
-        return False
+        one_axis = cast("RemoteMove[float]", self)
+        async for at in positions_until(one_axis, self._position, every):
+            yield float(at)

@@ -7,7 +7,6 @@ import pytest
 
 from rs485bus import MksServo, TlrStepper, Zlac8015d, open_bus
 from rs485bus.bench.jog import AGAIN, FIRST, Jog, keys_in
-from rs485bus.bench.setpoints import set_points
 from rs485bus.errors import BusError
 from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
 from tests.integration.support import virtual
@@ -68,7 +67,7 @@ async def test_set_points_turn_an_axis_until_nobody_tells_them_any_more(family: 
     async with open_bus(VirtualLine(SimMks(1), SimTlr(2), SimZlac(3))) as bus:
         axis = axes(bus)[family]
         await axis.enable()
-        async with set_points(axis, 0.25) as setpoint:
+        async with axis.stream(timeout=0.25) as setpoint:
             for _ in range(20):
                 setpoint(60)
                 await asyncio.sleep(0.05)
@@ -89,7 +88,7 @@ async def test_what_fails_meanwhile_is_told() -> None:
         axis = MksServo(bus, 1)
         await axis.enable()
         with pytest.raises(BusError):
-            async with set_points(axis, 0.25) as setpoint:
+            async with axis.stream(timeout=0.25) as setpoint:
                 for _ in range(200):
                     setpoint(60)
                     await asyncio.sleep(0.05)

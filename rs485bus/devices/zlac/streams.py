@@ -163,7 +163,7 @@ class PairStream:
             needs=self._needs,
         )
         self._setpoint.streamer = Streamer(
-            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left._stream_ran_dry
+            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left._notice_stale
         )
         self._started.set()
         return self._setpoint.streamer

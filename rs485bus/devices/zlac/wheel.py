@@ -271,18 +271,6 @@ class ZlacWheel(Axis):
         self._queue.add(move, lambda: self._stream_part(move, begin))
         return move
 
-    @property
-    def _count_limits(self) -> tuple[int, int] | None:
-        """Its limits, in the drive's counts."""
-        if self.limits is None:
-            return None
-        low, high = sorted(map(self._to_counts, self.limits))
-        return low, high
-
-    def _stream_ran_dry(self, what: str) -> None:
-        """A stream ran dry."""
-        self._notice_stale(what)
-
     async def _stream_part(
         self,
         move: Move,

@@ -69,11 +69,14 @@ class OwnerRunner:
 
     def look(self) -> None:
         """The owner may have to be woken sooner than it was to be."""
-        wake = self._owner.wake
-        if self._running or wake <= self._loop.time():
+        if self._running:
+            self.run()
+            return
+        wake, now = self._owner.wake, self._loop.time()
+        if wake <= now:
             self.run()
         else:
-            self._set_alarm(wake)
+            self._set_alarm(wake, now)
 
     def run(self) -> None:
         """Let the owner do what is due, send what it wants to send, and set the alarm."""
@@ -112,7 +115,7 @@ class OwnerRunner:
                         self._ask(frame, owner.sent)
                 if not self._again:
                     break  # after a frame there is a silence: there is nothing more to send
-            self._set_alarm(owner.wake)
+            self._set_alarm(owner.wake, now)
         except BaseException:
             # A second Ctrl-C, say, in the middle of this: what stops motors must go on.
             loop.call_soon(self.run)
@@ -171,6 +174,6 @@ class OwnerRunner:
             )
         self.blocked(late)
 
-    def _set_alarm(self, wake: float) -> None:
-        self._wakes_at = max(wake, self._loop.time())  # it cannot be late for what has passed
+    def _set_alarm(self, wake: float, now: float) -> None:
+        self._wakes_at = wake if wake > now else now  # it cannot be late for what has passed
         self._alarm.set(wake, likely=self._owner.pair.job is None)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 _log = logging.getLogger("rs485bus")
 
+_FOREVER = float("inf")
 _FEW = 64
 """Cancelled timers that are not worth being tidied up."""
 
@@ -30,26 +31,25 @@ class Timer:
 class Timers:
     """The calls to come, the earliest first."""
 
-    __slots__ = ("_cancelled", "_heap", "_number")
+    __slots__ = ("_cancelled", "_heap", "_number", "next_at")
 
     def __init__(self) -> None:
         self._heap: list[tuple[float, int, Timer]] = []
         self._number = itertools.count()
         self._cancelled = 0
         """How many of those in the heap were cancelled."""
+        self.next_at = _FOREVER
+        """When the next one is due, in seconds; infinity where there is none."""
 
     def __len__(self) -> int:
         return len(self._heap)
-
-    @property
-    def next_at(self) -> float:
-        """When the next one is due."""
-        return self._heap[0][0] if self._heap else float("inf")
 
     def at(self, when: float, callback: Callable[[], None]) -> Timer:
         """Call back when the time has come."""
         timer = Timer(callback)
         heapq.heappush(self._heap, (when, next(self._number), timer))
+        if when < self.next_at:
+            self.next_at = when
         return timer
 
     def cancel(self, timer: Timer) -> None:
@@ -60,18 +60,19 @@ class Timers:
         self._cancelled += 1
         heap = self._heap
         if self._cancelled > _FEW and 2 * self._cancelled > len(heap):
-            self._heap = [entry for entry in heap if entry[2].callback is not None]
-            heapq.heapify(self._heap)
+            self._heap = heap = [entry for entry in heap if entry[2].callback is not None]
+            heapq.heapify(heap)
             self._cancelled = 0
-            return
         while heap and heap[0][2].callback is None:
             heapq.heappop(heap)
             self._cancelled -= 1
+        self._look()
 
     def run(self, now: float) -> None:
         """Call what is due."""
-        while self._heap and self._heap[0][0] <= now:
+        while self.next_at <= now:
             timer = heapq.heappop(self._heap)[2]
+            self._look()
             callback, timer.callback = timer.callback, None
             if callback is None:
                 self._cancelled -= 1
@@ -87,3 +88,8 @@ class Timers:
             timer.callback = None
         self._heap = []
         self._cancelled = 0
+        self._look()
+
+    def _look(self) -> None:
+        """See when the next one is due."""
+        self.next_at = self._heap[0][0] if self._heap else _FOREVER

@@ -290,7 +290,7 @@ class UnitStates:
 
         `idle`: nothing else waits for the pair.
         """
-        if self.to_probe_at(now, idle=idle) > now:
+        if not (self._lost or self._doubted) or self.to_probe_at(now, idle=idle) > now:
             return None
         if self._doubted:
             unit = self._doubted.pop()

@@ -50,7 +50,6 @@ class Feeding:
         "_latest",
         "_live_first_until",
         "_misses",
-        "_over_at",
         "_planned",
         "_rest_until",
         "_tempo",
@@ -59,6 +58,7 @@ class Feeding:
         "look_at",
         "on_escape",
         "on_strain",
+        "over_at",
         "reckoning",
         "slack",
         "strain",
@@ -87,7 +87,8 @@ class Feeding:
         """When feeding must begin, at the latest. Not kept exact: hearing a device only ever puts that off."""
         self.look_at = float("inf")
         """When to ask for `due` again. Hearing a device only ever puts that off, so it is not kept exact."""
-        self._over_at = float("inf")
+        self.over_at = float("inf")
+        """When to ask for `overdue` again; not kept exact either."""
         self.reckoning: Reckoning | None = None
         """What feeding all of them takes; None while none is armed or about to be."""
         self.strain = Strain()
@@ -129,7 +130,7 @@ class Feeding:
         self._tripped.pop(watch.address, None)
         self._forget(self._watches.get(watch.address))
         self._watches[watch.address] = watch
-        self.look_at = self._over_at = _SOON
+        self.look_at = self.over_at = _SOON
         self.reckon()
 
     def disarm(self, address: int) -> None:
@@ -148,7 +149,7 @@ class Feeding:
     def set_timeout(self, watch: ArmedWatchdog, timeout: float) -> None:
         """The register of an armed watchdog holds another time."""
         watch.set_timeout(timeout)
-        self.look_at = self._over_at = _SOON
+        self.look_at = self.over_at = _SOON
         self.reckon()
 
     def reckon(self) -> None:
@@ -337,15 +338,10 @@ class Feeding:
 
     def overdue(self, now: float) -> list[ArmedWatchdog]:
         """The watches whose time is over."""
-        if now < self._over_at:
+        if now < self.over_at:
             return []
-        self._over_at = min((watch.over for watch in self._watches.values() if watch.over > now), default=float("inf"))
+        self.over_at = min((watch.over for watch in self._watches.values() if watch.over > now), default=float("inf"))
         return [watch for watch in self._watches.values() if watch.over <= now]
-
-    @property
-    def over_at(self) -> float:
-        """When to ask for `overdue` again; not kept exact either."""
-        return self._over_at
 
     # What else may go, where not all is well
 

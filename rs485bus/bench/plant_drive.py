@@ -14,8 +14,9 @@ import tomlkit
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.opening import Opening, open_bus
 from rs485bus.plant.building import build
-from rs485bus.plant.families import Family
-from rs485bus.plant.file import AxisEntry, PlantFile
+from rs485bus.plant.entries import AxisEntry
+from rs485bus.plant.family import Family
+from rs485bus.plant.file import PlantFile
 from rs485bus.plant.options import typed_options
 from rs485bus.transport.interface import Transport
 

@@ -17,7 +17,8 @@ from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.opening import open_bus
 from rs485bus.errors import DeviceOffline, DeviceRefused, NoReply, PortError
-from rs485bus.plant.families import Family, Sign, families
+from rs485bus.plant.families import families
+from rs485bus.plant.family import Family, Sign
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.timing import LineSettings, Parity
 

@@ -7,11 +7,13 @@ It needs the extra `plant` (pydantic and tomlkit).
 """
 
 from rs485bus.errors import PlantFileError
-from rs485bus.plant.families import Family, families
+from rs485bus.plant.families import families
+from rs485bus.plant.family import Family
 from rs485bus.plant.problems import Problem
 
 try:
-    from rs485bus.plant.file import AxisEntry, BusEntry, GroupEntry, PlantFile, VehicleEntry
+    from rs485bus.plant.entries import AxisEntry, BusEntry, GroupEntry, VehicleEntry
+    from rs485bus.plant.file import PlantFile
     from rs485bus.plant.plant import Plant
 except ModuleNotFoundError as missing:
     if missing.name is None or missing.name.split(".")[0] not in ("pydantic", "tomlkit", "pydantic_core"):

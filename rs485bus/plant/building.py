@@ -11,7 +11,8 @@ from rs485bus.bus.opening import open_bus
 from rs485bus.devices.zlac import DifferentialDrive, Zlac8015d
 from rs485bus.errors import BusError, NotSupported
 from rs485bus.motion.group.axis_group import AxisGroup
-from rs485bus.plant.file import AxisEntry, PlantFile
+from rs485bus.plant.entries import AxisEntry
+from rs485bus.plant.file import PlantFile
 from rs485bus.plant.problems import Problems
 from rs485bus.plant.reading import blamed
 from rs485bus.transport.interface import Transport

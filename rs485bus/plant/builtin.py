@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from rs485bus.plant.families import Family, Sign
+from rs485bus.plant.family import Family, Sign
 
 if TYPE_CHECKING:
     from rs485bus.sim import SimDevice

@@ -14,8 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.opening import open_bus
 from rs485bus.errors import BusError, PlantFileError
-from rs485bus.plant.families import Family, families
-from rs485bus.plant.file import AxisEntry, BusEntry, GroupEntry, PlantFile, VehicleEntry
+from rs485bus.plant.entries import AxisEntry, BusEntry, GroupEntry, VehicleEntry
+from rs485bus.plant.families import families
+from rs485bus.plant.family import Family
 from rs485bus.plant.options import options_of, validated
 from rs485bus.plant.problems import Problems, instead
 
@@ -56,21 +57,28 @@ class _Vehicle(BaseModel):
     acceleration: float | None = Field(default=None, gt=0)
 
 
-def read_file(path: Path) -> PlantFile:
-    """As `PlantFile.load`."""
+def read_file(path: Path) -> str:
+    """The text of a plant file.
+
+    Raises:
+        PlantFileError: it cannot be read.
+    """
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise PlantFileError(
             f"There is no plant file {path}. rs485bus scan PORT --write {path} makes one of the drives that it finds."
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise PlantFileError(f"The plant file {path} cannot be read: {error}") from None
-    return read_text(text, path)
 
 
-def read_text(text: str, path: Path) -> PlantFile:
-    """As `PlantFile.loads`."""
+def read_text(text: str, path: Path) -> dict[str, Any]:
+    """The name and the tables of a plant file, checked. `path` is what messages call it.
+
+    Raises:
+        PlantFileError: it has mistakes; each is told with its line and field, and what to do.
+    """
     problems = Problems(str(path), text)
     try:
         content = tomllib.loads(text)
@@ -78,7 +86,7 @@ def read_text(text: str, path: Path) -> PlantFile:
         raise PlantFileError(
             f"{path} is no TOML: {error}. Texts stand in quotes; a table begins with [axes.x]."
         ) from None
-    return _Reader(content, problems).plant(path, text)
+    return _Reader(content, problems).plant(path.stem)
 
 
 class _Reader:
@@ -88,8 +96,9 @@ class _Reader:
         self._content = content
         self._problems = problems
 
-    def plant(self, path: Path, text: str) -> PlantFile:
-        name = self._content.get("name", path.stem)
+    def plant(self, otherwise: str) -> dict[str, Any]:
+        """Its parts. It is called `otherwise` if it has no name."""
+        name = self._content.get("name", otherwise)
         if not isinstance(name, str) or not name:
             self._problems.add(["name"], f'must be a text in quotes, like name = "cell", not {name!r}')
         for key in self._content.keys() - set(_SECTIONS):
@@ -104,7 +113,7 @@ class _Reader:
         self._check_ports(buses)
         vehicle = self._vehicle(axes)
         self._problems.check()
-        return PlantFile(name=name, buses=buses, axes=axes, groups=groups, vehicle=vehicle, path=path, text=text)
+        return {"name": name, "buses": buses, "axes": axes, "groups": groups, "vehicle": vehicle}
 
     def _tables(self, section: str) -> list[tuple[str, dict[str, Any]]]:
         tables = self._content.get(section, {})

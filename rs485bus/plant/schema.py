@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from rs485bus.bus.config import BusConfig
+from rs485bus.plant.entries import AxisEntry, BusEntry, GroupEntry, VehicleEntry
 from rs485bus.plant.families import families
-from rs485bus.plant.file import AxisEntry, BusEntry, GroupEntry, VehicleEntry
 from rs485bus.plant.options import options_of, schema_of
 
 

@@ -11,7 +11,8 @@ from rs485bus import Plant
 from rs485bus.bench.scan import Scan
 from rs485bus.errors import BusError
 from rs485bus.plant import Family, PlantFile, PlantFileError, families
-from rs485bus.plant.families import GROUP, Sign
+from rs485bus.plant.families import GROUP
+from rs485bus.plant.family import Sign
 from rs485bus.sim import SimMks, VirtualLine
 from tests.conformance.acme import STATUS, AcmeServo
 from tests.conformance.acme_sim import SimAcme

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rs485bus.bench.verify.question import Question
 from rs485bus.errors import NotSupported
-from rs485bus.plant.families import Family
+from rs485bus.plant.family import Family
 
 
 def questions_of(family: Family) -> Sequence[Question]:

@@ -25,6 +25,7 @@ _REACH = 12_000
 """Counts within which targets lie."""
 _WAY = 200
 """Counts that a move goes at least."""
+_KINDS = ("broker", "service")
 
 
 @dataclass
@@ -49,16 +50,22 @@ class Verdict:
     """How often a request was published."""
     drops: int = 0
     """How often a client has lost its connection."""
+    kills: Counter[str] = field(default_factory=Counter)
+    """How often the broker and the service were killed while moves went on."""
+    asked: int = 0
+    """Kills of each that were asked for."""
 
     @property
     def holds(self) -> bool:
-        return not (self.doubled or self.missing or self.begun or self.alien or self.off)
+        killed = all(self.kills[kind] == self.asked for kind in _KINDS)
+        return killed and not (self.doubled or self.missing or self.begun or self.alien or self.off)
 
     def __str__(self) -> str:
         said = ", ".join(f"{count} {how}" for how, count in sorted(self.said.items()))
+        killed = ", ".join(f"the {kind} killed {self.kills[kind]} times" for kind in _KINDS)
         return (
-            f"{sum(self.said.values())} moves: {said}; published {self.messages} times; {self.drops} lost connections; "
-            f"doubled {len(self.doubled)}, done without a trace {len(self.missing)}, "
+            f"{sum(self.said.values())} moves: {said}; published {self.messages} times; {self.drops} lost connections, "
+            f"{killed}; doubled {len(self.doubled)}, done without a trace {len(self.missing)}, "
             f"refused but done {len(self.begun)}, alien {len(self.alien)}, not in place {self.off or 0}; "
             f"frames said again by the bus {self.repeated}"
         )
@@ -161,7 +168,7 @@ async def campaign(
     folder: Path, moves: int, kills: int, *, seed: int = 0, tell: Callable[[str], None] = print
 ) -> Verdict:
     """Make so many moves while broker and service are killed so many times each."""
-    verdict = Verdict()
+    verdict = Verdict(asked=kills)
     broker = Mosquitto(folder)
     broker.start()
     try:
@@ -173,7 +180,7 @@ async def campaign(
                 _clients(broker.url, seed, verdict) as clients,
             ):
                 each = -(-moves // (_BUSES * _DRIVES))
-                await _move_while_killing(clients, each, kills, broker, served, tell)
+                await _move_while_killing(clients, each, verdict, broker, served, tell)
             await drives.end()
         _judge(verdict, clients, drives)
     finally:
@@ -196,8 +203,9 @@ async def _clients(url: str, seed: int, verdict: Verdict) -> AsyncIterator[list[
 
 
 async def _move_while_killing(
-    clients: list[Client], each: int, kills: int, broker: Mosquitto, served: Served, tell: Callable[[str], None]
+    clients: list[Client], each: int, verdict: Verdict, broker: Mosquitto, served: Served, tell: Callable[[str], None]
 ) -> None:
+    kills = verdict.asked
     total = each * _BUSES * _DRIVES
     done = 0
     changed = asyncio.Event()
@@ -210,12 +218,14 @@ async def _move_while_killing(
             tell(f"{done} of {total} moves")
 
     async def kill() -> None:
-        kinds: list[Callable[[], Awaitable[None]]] = [restart_broker, restart_service]
+        restart: dict[str, Callable[[], Awaitable[None]]] = {"broker": restart_broker, "service": restart_service}
         for number in range(2 * kills):
             while done < total * (number + 1) / (2 * kills + 1):
                 changed.clear()
                 await changed.wait()
-            await kinds[number % 2]()
+            kind = _KINDS[number % 2]
+            await restart[kind]()
+            verdict.kills[kind] += 1
 
     async def restart_broker() -> None:
         broker.kill()

@@ -22,6 +22,8 @@ class States:
 
     axes: int
     seconds: float
+    wanted: float
+    """Times a second."""
     received: int = 0
     lost: int = 0
     ages: list[float] = field(default_factory=list)
@@ -37,7 +39,7 @@ class States:
 
     @property
     def holds(self) -> bool:
-        return self.lost == 0 and self.rate > 18
+        return self.lost == 0 and self.rate > 0.98 * self.wanted
 
     def __str__(self) -> str:
         ages = sorted(1000 * age for age in self.ages)
@@ -62,7 +64,7 @@ async def measure(folder: Path, seconds: float, rate: float = 20.0) -> States:
                 for axis in cell.axes.values():
                     await axis.enable()
                     await axis.run(30)
-                states = States(len(cell.axes), seconds)
+                states = States(len(cell.axes), seconds, rate)
                 last: dict[str, int] = {}
 
                 def count(name: str, report: AxisReport) -> None:

@@ -305,9 +305,13 @@ class Axis:
         Where the drive does not answer, samples grow old (`age`).
         """
         every = positive(f"{self.name}: every (s)", every)
+        know = self._executor.knowledge.know
         while True:
+            since = self.bus.now() - every
             try:
-                await self._executor.knowledge.know((Fact.POSITION, Fact.RUNNING), since=self.bus.now() - every)
+                await know((Fact.POSITION,), since=since)
+                if self._state.stands is not False:  # where its positions show that it moves, its status says no more
+                    await know((Fact.RUNNING,), since=since)
             except (NoReply, NotSent):
                 self._stops.check_open()
             yield self.sample

@@ -94,10 +94,10 @@ class Reporter:
     async def _report(self, name: str, axis: Axis) -> None:
         loop = asyncio.get_running_loop()
         told: AxisReport | None = None
-        told_at = float("-inf")
+        at = state_at = loop.time()
+        last = float("-inf")
         changed = self._changed[name]
         while True:
-            began = loop.time()
             changed.clear()
             sampling = self._sampling(name)
             every = min(self._period, sampling or self._period)
@@ -110,14 +110,14 @@ class Reporter:
                 continue
             if sampling is not None:
                 self._say(name, "sample", report)
-            due = told_at + (self._period if told is None or _differs(report, told) else _STANDING)
-            if loop.time() >= due - 0.001:
+            if at >= state_at and (told is None or _differs(report, told) or at >= last + _STANDING):
                 self._say(name, "state", report, retain=True)
-                told, told_at = report, loop.time()
-            pause = every - (loop.time() - began)
-            if not await _set_within(changed, max(0.001, pause)):
-                continue
-            told_at = min(told_at, loop.time() - self._period)
+                told, last = report, at
+                state_at = max(state_at + self._period, at + self._period / 2)
+            # A beat that does not drift; one that was missed is left out.
+            at = max(at + every, loop.time())
+            if await _set_within(changed, at - loop.time()):
+                at = state_at = loop.time()
 
     def _say(self, name: str, what: str, report: AxisReport, *, retain: bool = False) -> None:
         numbered = report.model_copy(update={"n": next(self._numbers[name, what])})

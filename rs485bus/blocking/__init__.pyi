@@ -89,9 +89,6 @@ class Axis:
     counts_per_turn: float
     bus: Bus
     name: str
-    units_per_turn: float
-    reverse: bool
-    limits: tuple[float, float] | None
     rpm: float
     acceleration: float
     def disable(self) -> Handle[None]:
@@ -114,6 +111,10 @@ class Axis:
         ...
     def idle(self) -> bool:
         """Whether nothing is queued and the motor stands."""
+        ...
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Lowest and highest position that may be gone to, in units; None for no limit."""
         ...
     def move_by(self, distance: float, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go a distance: from the target of the last move if that was reached, else from where the axis stands.
@@ -138,6 +139,10 @@ class Axis:
         ...
     def position(self) -> float:
         """Where the axis is, in its units."""
+        ...
+    @property
+    def reverse(self) -> bool:
+        """Whether positive is the other way round."""
         ...
     def run(self, rpm: float, *, acceleration: float | None = None, duration: float | None = None, replace: bool = False) -> Move:
         """Turn at a speed. Done once that is reached; with a `duration`, once the motor stands again after it.
@@ -196,6 +201,10 @@ class Axis:
     @property
     def tolerance(self) -> int:
         """Counts of the drive by which it may differ from its target when it has arrived."""
+        ...
+    @property
+    def units_per_turn(self) -> float:
+        """Positions are in units of this many to a turn of the motor."""
         ...
     def velocity(self) -> float:
         """How fast the motor turns, in rpm."""

@@ -29,12 +29,11 @@ _PLAIN = (type(None), bool, int, float, str, bytes)
 HIDDEN = frozenset(
     {
         # What other layers call, and users do not. Newer classes say so by their `__dir__`.
-        *("abandon", "accompany", "attach", "attached", "check_ready", "check_thread", "forgive", "goal_by", "goal_to"),
-        *("highest_rpm", "join", "lowest_acceleration", "motion", "planned", "position_pace", "rpm_step"),
-        *("start_frame", "target_range", "way", "finish", "fail", "drop", "hold", "taken_along", "unconfirmed"),
+        *("abandon", "attach", "attached", "check_ready", "check_thread", "forgive", "join", "member", "motion"),
+        *("target_range", "finish", "fail", "drop", "hold", "taken_along", "unconfirmed"),
         *("released", "order_together", "pair", "carries_out", "ask", "submit", "start", "halt", "heard_after", "now"),
         *("after_stops", "spawn", "poke", "after", "unseen", "received", "owner", "loop", "thread", "devices"),
-        *("open", "aclose", "adjust", "share_time", "check_open", "give_up", "interrupted", "stop_if_moving"),
+        *("open", "aclose", "adjust", "share_time", "check_open", "interrupted"),
         *("replace", "on_end", "over", "check", "end"),
         *("tells_restarts", "told_standing", "driver", "modes", "link"),
     }

@@ -77,7 +77,7 @@ async def _sequence(plant: Plant, console: Console) -> tuple[list[_Leg], list[Wa
         return _Leg(name, what, move, axes[name].units_per_turn, plant.file.axes[name].unit)
 
     def go(name: str, to: float) -> _Leg:
-        return leg(name, f"to {to:g}", axes[name].move_to(to, rpm=min(_FAST, axes[name].highest_rpm)))
+        return leg(name, f"to {to:g}", axes[name].move_to(to, rpm=min(_FAST, axes[name].member.highest_rpm)))
 
     async def together(some: list[_Leg]) -> None:
         if some:
@@ -94,7 +94,7 @@ async def _sequence(plant: Plant, console: Console) -> tuple[list[_Leg], list[Wa
         there = {name: _place(axis, 4.0 + at) for at, (name, axis) in enumerate(axes.items())}
         await together([go(name, to) for name, to in there.items()])
         ways = {name: _place(axis, 2.5 + at) - there[name] for at, (name, axis) in enumerate(axes.items())}
-        slow = {name: min(_SLOW, axis.highest_rpm) for name, axis in axes.items()}
+        slow = {name: min(_SLOW, axis.member.highest_rpm) for name, axis in axes.items()}
         await together(
             [leg(name, f"by {way:g}", axes[name].move_by(way, rpm=slow[name])) for name, way in ways.items()]
         )

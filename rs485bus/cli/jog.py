@@ -27,7 +27,7 @@ async def run_jog(where: Where, name: str, rpm: float) -> int:
     name = axis_named(where.file(), name)
     async with open_plant(where) as plant:
         axis, unit = plant.axes[name], plant.file.axes[name].unit
-        keys = Jog(rpm=min(rpm, axis.highest_rpm), fastest=axis.highest_rpm)
+        keys = Jog(rpm=min(rpm, axis.member.highest_rpm), fastest=axis.member.highest_rpm)
         await axis.enable()
         out = console()
         out.print(_HELP)

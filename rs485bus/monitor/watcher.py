@@ -30,10 +30,14 @@ class WatchedAxis(Protocol):
     """What the monitor needs of an axis."""
 
     name: str
-    units_per_turn: float
-    reverse: bool
     attached: DeviceAdapter
     bus: Bus
+
+    @property
+    def units_per_turn(self) -> float: ...
+
+    @property
+    def reverse(self) -> bool: ...
 
     def stop(self) -> Awaitable[None]: ...
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -10,12 +9,7 @@ from typing import Any, TypeVar
 import anyio
 
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.failure import failure
-from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.burst import BurstSlot
-from rs485bus.bus.schedule.job import Job, Outcome
-from rs485bus.bus.watchdog.foreign import OPTION
-from rs485bus.bus.watchdog.guard import admit_and_arm
 from rs485bus.errors import (
     BusError,
     DeviceOffline,
@@ -28,7 +22,6 @@ from rs485bus.errors import (
     NotStanding,
     OutcomeUnknown,
     RequestFailed,
-    WatchdogInfeasible,
 )
 from rs485bus.motion.courses import is_speed
 from rs485bus.motion.drive import Drive
@@ -52,6 +45,7 @@ from rs485bus.motion.plan import (
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.upkeep import answers_again, insist, keep_fed
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
@@ -225,11 +219,11 @@ class PlanCarrier:
         if isinstance(step, OthersStand):
             return await self._others_stand(task)
         if isinstance(step, KeepFed):
-            return await self._keep_fed(step)
+            return await keep_fed(self._bus, self._drive, step)
         if isinstance(step, MustStand):
             return await self._check_standing(step)
         if isinstance(step, AnswersAgain):
-            return await self._answers_again(step)
+            return await answers_again(self._bus, step)
         assert isinstance(step, Pause)
         return await anyio.sleep(step.seconds)
 
@@ -260,21 +254,6 @@ class PlanCarrier:
             finally:
                 await self._supervisor.plans.acquire()
 
-    async def _keep_fed(self, step: KeepFed) -> bool:
-        if self._bus.owner.feeding.get(self._drive.address) is not None:
-            return True
-        try:
-            fed = await admit_and_arm(self._bus, self._drive, step.timeout)
-        except WatchdogInfeasible as error:
-            error.add_note(
-                f"{self._drive.name} has had its watchdog set to {1000 * step.timeout:g} ms before this program. "
-                f"{OPTION} turns it off."
-            )
-            raise
-        if not fed:
-            raise NoReply(f"{self._drive.name} stopped answering while it was set up.", address=self._drive.address)
-        return False
-
     async def _check_standing(self, step: MustStand) -> None:
         if not await self._knowledge.stands():
             raise NotStanding(
@@ -283,32 +262,13 @@ class PlanCarrier:
 
     async def _ask(self, step: Ask, task: Task | None) -> bytes:
         if step.insist:
-            # The bus' own: a drive that answers nothing is taken for offline, and others are not sent.
-            ended: asyncio.Future[Job] = asyncio.get_running_loop().create_future()
-            job = Job(step.request, repeat=step.repeat, internal=True, on_end=lambda job: settle(ended, job))
-            self._bus.submit(job)
-            if (await asyncio.shield(ended)).outcome is not Outcome.REPLY:
-                raise failure(job, self._bus.flight)
-            return job.reply
+            return await insist(self._bus, step)
         return await self._bus.ask(
             step.request,
             repeat=step.repeat,
             reply_timeout=step.reply_timeout,
             motion=self._state.motion if task is not None else None,
         )
-
-    async def _answers_again(self, step: AnswersAgain) -> bool:
-        late, answers = self._bus.now() + step.timeout, 0
-        await anyio.sleep(step.pause)
-        while answers < 2:
-            try:
-                answers = answers + 1 if step.ready(await self._bus.ask(step.request)) else 0
-            except (NoReply, DeviceOffline):
-                answers = 0
-            if self._bus.now() > late:
-                return False
-            await anyio.sleep(step.pause)
-        return True
 
     # Starts
 

@@ -8,6 +8,7 @@ wire must know of it (`DeviceAdapter`). It neither waits nor repeats nor decides
 from __future__ import annotations
 
 import logging
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -77,6 +78,11 @@ class Ability(ABC):
     def reach(self) -> tuple[int, int]:
         """The same for a move by a distance, where the drive can go further so."""
         return self.target_range
+
+    @property
+    def longest(self) -> float:
+        """The longest distance of one move, in counts."""
+        return math.inf
 
     @property
     @abstractmethod

@@ -6,7 +6,7 @@ import asyncio
 import math
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import Any
 
 import anyio
 
@@ -17,27 +17,24 @@ from rs485bus.errors import (
     DriveFault,
     LimitReached,
     MotionError,
-    MoveCancelled,
     MoveFailed,
     NoReply,
     NotEnabled,
-    OutcomeUnknown,
     RearmRequired,
     RequestFailed,
 )
 from rs485bus.motion.carrier import PlanCarrier, Task
-from rs485bus.motion.courses import Course, MoveCourse, RunCourse, Verdict
+from rs485bus.motion.courses import Course, MoveCourse, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
 from rs485bus.motion.joint import Joint, Part, PlanOfAll
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move, MoveState
-from rs485bus.motion.other_courses import ForeignCourse, HomingCourse
+from rs485bus.motion.other_courses import HomingCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ended, Plan
-from rs485bus.motion.profile import RunProfile, seconds_to
-from rs485bus.motion.run_limits import RunLimits
-from rs485bus.motion.state import FRESH, Fact
+from rs485bus.motion.retargeting import Change, Retargeting
+from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor, Told
 
@@ -45,19 +42,6 @@ _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""
 _LATE = 0.02
 """Seconds after its start was sent in which a drive can begin to move, at most."""
-_WAY, _WAY_TIME = 0.05, 0.1
-"""By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """Where a move under way is to go instead."""
-
-    handle: Handle[None]
-    position: float
-    """In the axis' units."""
-    target: int
-    parameters: MotionParameters
 
 
 class MoveExecutor:
@@ -91,11 +75,11 @@ class MoveExecutor:
         self._state = self.knowledge.state
         self._carrier = PlanCarrier(bus, drive, axis, name, self.knowledge, stops, supervisor, self.stumble)
         self.carry = self._carrier.carry
-        self._change: Change | None = None
+        self._retargeting = Retargeting(bus, drive, axis, name, self.knowledge, self._carrier)
         self._wake = asyncio.Event()
-        self._overtaken = False
-        self._told: Told = lambda verdict, error: None
-        supervisor.watch(axis, name, self._on_trouble, stops.tell)
+        self.told: Told = lambda verdict, error: None
+        """Takes the verdict on what is waited for."""
+        supervisor.watch(axis, name, self.on_trouble, stops.tell)
 
     # Commands
 
@@ -171,7 +155,7 @@ class MoveExecutor:
         move.rpm, move.acceleration = parameters.rpm, parameters.acceleration
         move.eta = self._bus.now() + profile.duration
         told = parameters
-        await self._set_off(
+        await self.set_off(
             task,
             lambda: plan(target, told) if plan is not None else self._drive.move(self._axis, target, told),
             (target, told),
@@ -180,7 +164,7 @@ class MoveExecutor:
         assert move.started_at is not None
         late = min(self._bus.now() - move.started_at, _LATE)
         course = MoveCourse(
-            self._short(move),
+            self.short(move),
             self._state,
             move.started_at,
             self._drive.start_grace,
@@ -198,104 +182,20 @@ class MoveExecutor:
         move.eta = move.started_at + profile.duration
         self.changeable = move if plan is None else None
         try:
-            await self._see_it_end(move, course)
+            await self.see_it_end(move, course)
         finally:
             self.changeable = None
-            self.drop_change(f"{self._name}: its move ended before the target was changed.")
+            self._retargeting.drop("its move ended before the target was changed")
         self.commanded = course.target
         position: int = self._state.value(Fact.POSITION)
         if isinstance(move, GroupMemberMove):
             await self._stay(move)
         return position
 
-    async def run(
-        self,
-        move: Move,
-        rpm: float,
-        parameters: MotionParameters,
-        duration: float | None,
-        ticks: int | None,
-        limits: tuple[int, int] | None,
-    ) -> None:
-        """Change to a speed, in the drive's direction: until that is reached; for a time, until it stands again. It is
-        stopped by its ramp before it leaves the limits, in counts."""
-        move.rpm, move.acceleration = abs(rpm), parameters.acceleration
-        self._overtaken = False
-        start = await self.ready(standing=False)
-        task = Task(move, start=start, rpm=rpm, before=await self._speed())
-        since = self._state.known(Fact.POSITION).at
-        if limits is not None and rpm and not (start < limits[1] if rpm > 0 else start > limits[0]):
-            raise LimitReached(f"{self._name} stands at the end of its limits already, and can only run the other way.")
-        await self._run_off(task, rpm, parameters, ticks)
-        assert move.started_at is not None
-        rate = min(parameters.acceleration, parameters.slowing_down)
-        profile = RunProfile(rpm, rate, task.before, duration)
-        counts_per_turn = self._drive.ability(self._axis).counts_per_turn
-        course = RunCourse(
-            self._short(move),
-            self._state,
-            move.started_at,
-            self._drive.start_grace,
-            profile=profile,
-            counts_per_turn=counts_per_turn,
-            limits=None if limits is None else RunLimits(*limits, rate / 60 * counts_per_turn, self._attempt),
-        )
-        move.eta = course.eta
-        if duration is None or not rpm:
-            await self._see_it_end(move, course)
-            return
-        if ticks is not None:
-            await self._see_it_end(move, course)
-        else:
-            began = move.started_at
-
-            async def end_it() -> None:
-                await self._run_off(Task(move, start=task.start, rpm=0.0, before=rpm), 0.0, parameters, None)
-                move.started_at = began
-
-            await self._see_it_end(move, course, began + duration, end_it)
-        went = self._state.rule.moved(task.start or 0, self._state.value(Fact.POSITION)) / counts_per_turn
-        wanted = task.before * (move.started_at - since) / 60 + profile.turns_after(profile.ends_after)
-        if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(rpm) / 60):
-            raise MoveFailed(
-                f"{self._name} went {went:.3f} turns in its {self._short(move)} for {duration:g} s, and should have "
-                f"gone {wanted:.3f}. {self._drive.what_else(self._axis)}"
-            )
-
-    def overtake(self) -> None:
-        """Do not wait for the speed of the run that is carried out: another one follows."""
-        self._overtaken = True
-        if isinstance(self._supervisor.course(self._axis), RunCourse):
-            self._told(Verdict.REACHED, None)
-
-    async def stream(self, move: Move, begin: Callable[[float], Course], *, by_reference: bool) -> int:
-        """Have it follow speeds that are told as they come, from the one on that it has; where that ended."""
-        await self.ready(standing=False)
-        if by_reference:
-            self.knowledge.check_reference()
-        self.commanded = None
-        move.state, move.started_at = MoveState.MOVING, self._bus.now()
-        await self._see_it_end(move, begin(await self._speed()))
-        position: int = self._state.last(Fact.POSITION).value
-        return position
-
-    async def follow(self, move: Move, begin: Callable[[float], Awaitable[Course]]) -> int:
-        """Have it follow speeds that are told it together with others; where that ended."""
-        self.commanded = None
-        move.state, move.started_at = MoveState.MOVING, self._bus.now()
-        await self._see_it_end(move, await begin(await self._speed()))
-        position: int = self._state.last(Fact.POSITION).value
-        return position
-
-    async def push(
-        self, move: Move, wanted: object, plan: Callable[[], Plan[None]], of_all: PlanOfAll, what: str
-    ) -> None:
-        """Have it do something by a plan that goes on until it is told otherwise. Done once it was told."""
-        task = Task(move, start=await self.ready(standing=False))
-        await self._set_off(task, plan, wanted, of_all)
-        assert move.started_at is not None
-        course = ForeignCourse(what, self._state, move.started_at, self._drive.start_grace, kept=True)
-        self._supervisor.follow(self._axis, course, lambda _, error: None if error is None else self._on_trouble(error))
+    def change(self, change: Change) -> None:
+        """Send the move under way elsewhere."""
+        self._retargeting.ask(change)
+        self._wake.set()
 
     async def ready(self, *, standing: bool = True) -> int:
         """Know where the axis is, and that it may be moved; where it is.
@@ -331,30 +231,17 @@ class MoveExecutor:
             self.commanded = None if was_moved else self.commanded
         return position
 
-    async def make_safe(self) -> None:
-        """See that it stands, or stop it."""
-        if self._state.motion.may_move and not self._stops.is_stopping:
+    async def make_safe(self, failed: Handle[Any]) -> None:
+        """A command has failed. If it was to move the axis, see that it stands, or stop it: a drive that refuses a
+        command may have begun it, and what it did before it goes on doing."""
+        if isinstance(failed, Move) and self._state.motion.may_move and not self._stops.is_stopping:
             self.stumble()
             if not await self._carrier.is_seen_standing():
                 self._stops.stop_if_moving()
 
     # Parts of them
 
-    @property
-    def _attempt(self) -> float:
-        """Seconds that an attempt to tell the drive something may take in vain."""
-        return self._bus.owner.units[self._drive.address].reply_timeout
-
-    async def _run_off(self, task: Task, rpm: float, parameters: MotionParameters, ticks: int | None) -> None:
-        """Tell it a speed."""
-        await self._set_off(
-            task,
-            lambda: self._drive.run(self._axis, rpm, parameters, ticks),
-            (rpm, parameters),
-            self._drive.run_all,
-        )
-
-    async def _set_off(self, task: Task, make: Callable[[], Plan[None]], wanted: object, of_all: PlanOfAll) -> None:
+    async def set_off(self, task: Task, make: Callable[[], Plan[None]], wanted: object, of_all: PlanOfAll) -> None:
         """Set the axis in motion, by a plan whose last step is the start; by one `of_all` that are `wanted` to do
         something together, where it is not alone."""
         self._supervisor.check_room(self._name)
@@ -382,16 +269,6 @@ class MoveExecutor:
         if not await admit_and_arm(self._bus, self._drive, timeout):
             raise RearmRequired(f"{self._name}: its watchdog could not be armed again.")
 
-    async def _speed(self) -> float:
-        """How fast it turns, in rpm, before it is told another speed."""
-        course = self._supervisor.course(self._axis)
-        if isinstance(course, RunCourse) and course.keeps:
-            return course.profile.rpm
-        if not self._state.motion.may_move:
-            return 0.0
-        await self.knowledge.afresh(Fact.SPEED)
-        return float(self._state.value(Fact.SPEED) or 0.0)
-
     def _check_able(self) -> None:
         """Raise what keeps it from moving, as far as is known."""
         state = self._state
@@ -413,7 +290,7 @@ class MoveExecutor:
         assert move.started_at is not None
         move.state = MoveState.MOVING
         course = HomingCourse(
-            self._short(move),
+            self.short(move),
             self._state,
             move.started_at,
             self._drive.start_grace,
@@ -421,14 +298,16 @@ class MoveExecutor:
             watch=self._drive.tells(*step.watch),
             timeout=step.timeout,
         )
-        await self._see_it_end(move, course)
+        await self.see_it_end(move, course)
 
-    async def _see_it_end(
+    async def see_it_end(
         self,
         move: Move,
         course: Course,
         over: float = math.inf,
         end_it: Callable[[], Awaitable[None]] | None = None,
+        *,
+        reached: bool = False,
     ) -> None:
         """Wait until a course has reached its speed, or has ended. Raises what is wrong with it.
 
@@ -437,6 +316,7 @@ class MoveExecutor:
             course: how it goes.
             over: when it is to be ended, where the drive does not do that by itself.
             end_it: tells the drive to.
+            reached: do not wait for its speed.
         """
         ended: list[tuple[Verdict, MotionError | None]] = []
         self._wake.clear()
@@ -448,10 +328,10 @@ class MoveExecutor:
                 ended.append((verdict, error))
                 self._wake.set()
             elif error is not None:
-                self._on_trouble(error)
+                self.on_trouble(error)
 
-        self._told = told
-        if self._overtaken and isinstance(course, RunCourse):
+        self.told = told
+        if reached:
             ended.append((Verdict.REACHED, None))
         self._supervisor.follow(self._axis, course, told)
         while not ended:
@@ -462,8 +342,9 @@ class MoveExecutor:
                 over = math.inf
                 await end_it()
                 self._supervisor.follow(self._axis, course, told)
-            if self._change is not None and isinstance(course, MoveCourse) and not ended:
-                await self._make_change(move, course)
+            if self._retargeting.change is not None and isinstance(course, MoveCourse) and not ended:
+                await self._retargeting.make(move, course)
+                self._supervisor.follow(self._axis, course, told)
         verdict, error = ended[0]
         if error is not None:
             self.stumble()
@@ -493,68 +374,22 @@ class MoveExecutor:
             self.knowledge.check_reference()
         await move.ended()
 
+    def was_stopped(self) -> None:
+        """It is being stopped: it need not be where it was sent."""
+        self.commanded = None
+        self.stumble()
+
     def stumble(self) -> None:
         """What it carries out is about to fail. Others that depend on that are stopped, while it finds out why."""
         current = self._stops.queue.current
         if isinstance(current, GroupMemberMove):
             current.stumble()
 
-    def _on_trouble(self, error: MotionError) -> None:
+    def on_trouble(self, error: MotionError) -> None:
         """Something is wrong with an axis of which nobody waits for the end."""
         hard = not isinstance(error, LimitReached | NotEnabled)
         self._stops.fail_unawaited(f"motion of {self._name}", error, emergency=hard)
 
-    def _short(self, move: Move) -> str:
+    def short(self, move: Move) -> str:
         """The name of a move, without that of the axis."""
         return move.what.removesuffix(f" of {self._name}")
-
-    # Sending it elsewhere
-
-    def change(self, change: Change) -> None:
-        """Send the move under way elsewhere."""
-        self.drop_change(f"{self._name}: another change of its target came first.")
-        self._change = change
-        self._wake.set()
-
-    def drop_change(self, why: str) -> None:
-        """It is not made."""
-        change, self._change = self._change, None
-        if change is not None:
-            change.handle.fail(MoveCancelled(why))
-
-    async def _make_change(self, move: Move, course: MoveCourse) -> None:
-        change, self._change = self._change, None
-        assert change is not None
-        try:
-            await self._send_change(move, course, change)
-        except (RequestFailed, MotionError) as error:
-            change.handle.fail(error)
-            if not isinstance(error, RequestFailed) or isinstance(error, OutcomeUnknown):
-                raise
-            # The move goes on to where it went.
-        except BaseException as error:
-            change.handle.fail(MoveCancelled(f"{self._name}: its target was not changed ({error!r})."))
-            raise
-        self._supervisor.follow(self._axis, course, self._told)
-
-    async def _send_change(self, move: Move, course: MoveCourse, change: Change) -> None:
-        state, parameters = self._state, change.parameters
-        await anyio.sleep(max(0.0, course.begun_at - self._bus.now()))
-        if await self.knowledge.stands():
-            # It has ended, or its drive has restarted: nothing may set it in motion again.
-            change.handle.fail(MoveCancelled(f"{self._name} stood still before its target was changed."))
-            return
-        await self.knowledge.see_restart()
-        self.knowledge.check_reference()
-        await self.knowledge.know((Fact.SPEED, Fact.POSITION), since=self._bus.now() - FRESH)
-        speed, position = float(state.value(Fact.SPEED) or 0.0), state.value(Fact.POSITION)
-        started_at = move.started_at
-        task = Task(move, start=position, target=change.target, before=speed, under_way=True)
-        await self.carry(lambda: self._drive.retarget(self._axis, change.target, parameters, speed), task)
-        sent_at, move.started_at = state.motion.commanded_at, started_at
-        turns = state.rule.moved(position, change.target) / self._drive.ability(self._axis).counts_per_turn
-        eta = sent_at + seconds_to(turns, parameters.rpm, parameters.acceleration, speed)
-        course.change(change.target, eta, None)
-        move.target, move.rpm, move.acceleration = change.position, parameters.rpm, parameters.acceleration
-        move.eta = eta
-        change.handle.finish(None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import anyio
 
@@ -112,6 +113,11 @@ class AxisKnowledge:
     async def afresh(self, *facts: Fact) -> None:
         """Ask for facts now."""
         await self.know(facts, since=self._bus.now())
+
+    async def ask(self, fact: Fact) -> Any:
+        """Ask for a fact now; what was told of it."""
+        await self.afresh(fact)
+        return self.state.last(fact).value
 
     async def stands(self) -> bool:
         """Whether the axis stands, as can be seen now."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from rs485bus.motion.profile import Profile, ramp_for, rpm_for
 
@@ -47,12 +47,20 @@ class MotionParameters:
         return self.profile(turns).duration
 
 
-@runtime_checkable
-class Tellable(Protocol):
-    """What can be told speeds and ramps."""
+class Paced(Protocol):
+    """What has a speed and a ramp of its own."""
 
-    acceleration: float
-    """rpm/s; never more than this."""
+    @property
+    def rpm(self) -> float:
+        """The speed of moves that name none."""
+
+    @property
+    def acceleration(self) -> float:
+        """The ramp of moves that name none, in rpm/s."""
+
+
+class Tellable(Paced, Protocol):
+    """What can be told speeds and ramps, none of these steeper than its own."""
 
     @property
     def highest_rpm(self) -> float:

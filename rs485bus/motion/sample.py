@@ -5,6 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+from rs485bus.motion.scale import AxisScale
+from rs485bus.motion.state import AxisState, Fact
+
 
 @dataclass(frozen=True, slots=True)
 class AxisSample:
@@ -26,6 +29,30 @@ class AxisSample:
     """The limit that is reached, in words."""
     lost: str
     """Why positions are not to be trusted; empty if they are."""
+
+    @classmethod
+    def of(cls, state: AxisState, now: float, scale: AxisScale, *, knows_counts: bool) -> AxisSample:
+        """What is known now.
+
+        Args:
+            state: what is known of the axis.
+            now: the time, on the event loop's clock.
+            scale: its units.
+            knows_counts: it is known how the drive counts.
+        """
+        position, speed, stands = state.last(Fact.POSITION), state.last(Fact.SPEED).value, state.stands
+        return cls(
+            at=position.at,
+            age=now - position.at,
+            position=scale.to_units(position.value) if knows_counts and position.value is not None else None,
+            rpm=None if speed is None else scale.sign * speed,
+            moving=None if stands is None else not stands,
+            enabled=state.value(Fact.ENABLED),
+            fault=state.value(Fact.FAULT) or "",
+            stalled=bool(state.value(Fact.STALLED)),
+            limit=state.value(Fact.LIMIT) or "",
+            lost=state.lost,
+        )
 
 
 class AxisStatus(ABC):

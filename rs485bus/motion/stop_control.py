@@ -14,6 +14,7 @@ from rs485bus.bus.units.motion import Motion
 from rs485bus.errors import (
     BusClosed,
     BusError,
+    EmergencyStopped,
     MotionError,
     MotionInterrupted,
     MoveCancelled,
@@ -130,6 +131,23 @@ class StopControl:
         self._bus.check_thread()
         if self._bus.owner.gate.closed:
             raise BusClosed(f"{self._name}: the bus is closed.")
+
+    def check_ready(self) -> None:
+        """Raise what keeps the axis from taking another command."""
+        self.check_open()
+        if self._bus.closing:
+            raise BusClosed(f"{self._name}: the bus is being closed. Nothing is set in motion any more.")
+        if not self._bus.connected:
+            raise NotSent(
+                f"{self._name}: the port is lost. What is asked for now would happen whenever it is there again: wait "
+                "for bus.connected, then ask again."
+            )
+        if self._bus.latched:
+            raise EmergencyStopped(
+                f"{self._name}: the bus is latched by an emergency stop. clear_emergency_stop(), then enable() the "
+                "axis."
+            )
+        self.queue.check()
 
     def check_rearm(self) -> None:
         """Raise `RearmRequired` where it must be enabled first."""

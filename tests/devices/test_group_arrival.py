@@ -37,7 +37,7 @@ def step(p: Plant, move: GroupMove, name: str) -> float:
     assert part.rpm is not None
     assert part.acceleration is not None
     turns = abs(part.target)
-    speeds = [rpm for rpm in (part.rpm - axis.rpm_step, part.rpm, part.rpm + axis.rpm_step) if rpm > 0]
+    speeds = [rpm for rpm in (part.rpm - axis.member.rpm_step, part.rpm, part.rpm + axis.member.rpm_step) if rpm > 0]
     times = [Profile(turns, rpm, part.acceleration).duration for rpm in speeds]
     return max(times) - min(times)
 
@@ -63,7 +63,7 @@ def test_all_arrive_within_a_hundredth_of_the_time_they_take(kinds: tuple[str, .
             move, arrivals = await arrive(p, targets)
             longest = max(arrivals.values())
             # One that cannot be so slow arrives earlier.
-            slow = [name for name in targets if slowest(p.axes[name]).seconds(abs(targets[name])) < longest]
+            slow = [name for name in targets if slowest(p.axes[name].member).seconds(abs(targets[name])) < longest]
             for one, other in itertools.combinations(sorted(set(targets) - set(slow)), 2):
                 steps = step(p, move, one), step(p, move, other)
                 assert abs(arrivals[one] - arrivals[other]) <= max(0.01 * longest, *steps)
@@ -82,9 +82,9 @@ def test_all_take_the_time_that_was_asked_for(kinds: tuple[str, ...], data: st.D
     async def go() -> None:
         async with plant(*kinds, delay=0.0) as p:
             # The quickest that all can, and some more.
-            quick = [quickest(p.axes[name], 300).seconds(turns) for name, turns in targets.items()]
+            quick = [quickest(p.axes[name].member, 300).seconds(turns) for name, turns in targets.items()]
             duration = round(max(quick) + 0.05 + extra, 3)
-            if any(slowest(p.axes[name]).seconds(turns) < duration for name, turns in targets.items()):
+            if any(slowest(p.axes[name].member).seconds(turns) < duration for name, turns in targets.items()):
                 with pytest.raises(LimitExceeded, match="cannot be so slow"):
                     await p.group.move_to(**targets, duration=duration)
                 return

@@ -426,7 +426,7 @@ async def test_an_error_that_nobody_foresaw_stops_the_axis() -> None:
     with pytest.raises(ExceptionGroup):
         async with bus_on(made) as (_, (x,)):
             await x.enable()
-            x._executor._short = lambda move: 1 / 0  # type: ignore[method-assign]
+            x._executor.short = lambda move: 1 / 0  # type: ignore[method-assign]
             run = x.run(300)
             await asyncio.sleep(5.0)
             assert isinstance(run.error, ZeroDivisionError)

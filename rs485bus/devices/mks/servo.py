@@ -159,7 +159,7 @@ class MksServo(MksSetup):
             LimitExceeded: one of them is out of its range; nothing is sent.
             MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
         """
-        return self._retarget(position, rpm, acceleration)
+        return self._commands.retarget(position, self._pace(rpm, acceleration))
 
     def move_by_pulses(self, pulses: int, *, rpm: float | None = None, acceleration: float | None = None) -> Move:
         """Go so many pulses, by a relative command (9.1). `move_by` is safer: it can be said twice.
@@ -295,8 +295,8 @@ class MksServo(MksSetup):
             yield from service.wake(self._mks)
             self._silent = False
 
-        handle: Handle[None] = Handle(f"wake of {self.name}", self._unseen)
-        self._queue.add(handle, lambda: self._executor.carry(plan))
+        handle: Handle[None] = Handle(f"wake of {self.name}", self._commands.unseen)
+        self._stops.queue.add(handle, lambda: self._executor.carry(plan))
         return handle
 
     def enter_boot(self) -> Handle[None]:
@@ -386,7 +386,7 @@ class MksServo(MksSetup):
 
     def _go_as(self, own: OwnMove, rpm: float | None, acceleration: float | None) -> Move:
         """Queue a move that is told in the drive's own units."""
-        return self._go_by_plan(own.what, self._pace(rpm, acceleration), own.target_from, own.plan)
+        return self._commands.go_by_plan(own.what, self._pace(rpm, acceleration), own.target_from, own.plan)
 
     def _whole(self, what: str, value: float) -> int:
         """A whole number, which may be given as a float."""

@@ -203,7 +203,7 @@ class TlrStepper(TlrSetup):
             acceleration: in rpm/s; infinity for a jump.
             deceleration: the same for slowing down; None for the axis' own, or as fast as it gets faster.
         """
-        return self._go(self._ramps(rpm, acceleration, deceleration), self.goal_to(position))
+        return self._go(self._ramps(rpm, acceleration, deceleration), self._commands.goal_to(position))
 
     def move_by(
         self,
@@ -214,7 +214,7 @@ class TlrStepper(TlrSetup):
         deceleration: float | None = None,
     ) -> Move:
         """Go a distance. As `Axis.move_by`, with a ramp down of its own, as `move_to`."""
-        return self._go(self._ramps(rpm, acceleration, deceleration), self.goal_by(distance))
+        return self._go(self._ramps(rpm, acceleration, deceleration), self._commands.goal_by(distance))
 
     def run(
         self,
@@ -240,7 +240,7 @@ class TlrStepper(TlrSetup):
         seconds = self._number("duration", duration)
         self._ability.ticks(seconds)
         turns = math.copysign(_turns_in(parameters, seconds), self._sign * speed)
-        return self._go_by_plan(
+        return self._commands.go_by_plan(
             f"run at {rpm:g} rpm",
             parameters,
             lambda start: start + round(turns * self.counts_per_turn),
@@ -284,7 +284,7 @@ class TlrStepper(TlrSetup):
             LimitExceeded: one of them is out of its range; nothing is sent.
             MotionError: no such move is under way (`move.state` is not `MoveState.MOVING`).
         """
-        return self._retarget(position, rpm, acceleration)
+        return self._commands.retarget(position, self._pace(rpm, acceleration))
 
     def clear_fault(self) -> Handle[None]:
         """End an alarm whose cause is gone (3.6). The motor is held again after `enable()`.
@@ -337,7 +337,7 @@ class TlrStepper(TlrSetup):
             return parameters
         rate = self._number("deceleration", wanted)
         parameters = self._tlr.ability(0).braking(parameters, rate)
-        self._check_as_asked("deceleration", rate, parameters.slowing_down, "rpm/s")
+        self._scale.check_as_asked("deceleration", rate, parameters.slowing_down, "rpm/s")
         return parameters
 
 

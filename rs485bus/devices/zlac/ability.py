@@ -67,6 +67,10 @@ class ZlacAbility(Ability):
         return -r.MAX_COUNTS, r.MAX_COUNTS
 
     @property
+    def longest(self) -> float:
+        return r.MAX_COUNTS
+
+    @property
     def fastest(self) -> tuple[float, str]:
         return self.speed_limit, f"the least of max_rpm, 0x2008 and {r.MAX_RPM}"
 

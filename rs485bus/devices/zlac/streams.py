@@ -154,7 +154,7 @@ class PairStream:
     async def _begin(self, speeds: dict[int, float]) -> Streamer:
         """Both wheels are ready, and have these speeds."""
         assert self._setpoint is not None
-        limits = [wheel._count_limits for wheel in (self._base.left, self._base.right)]
+        limits = [wheel._scale.count_limits for wheel in (self._base.left, self._base.right)]
         terms = Terms(
             acceleration=self._acceleration,
             timeout=self._timeout,
@@ -163,7 +163,7 @@ class PairStream:
             needs=self._needs,
         )
         self._setpoint.streamer = Streamer(
-            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left._notice_stale
+            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left._streams.notice_stale
         )
         self._started.set()
         return self._setpoint.streamer

@@ -13,9 +13,9 @@ from rs485bus.devices.zlac import plans
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.drive import ZlacDrive
 from rs485bus.devices.zlac.values import ControlMode, Side
-from rs485bus.errors import LimitExceeded, MoveCancelled, StopUnconfirmed
+from rs485bus.errors import MoveCancelled, StopUnconfirmed
 from rs485bus.motion.axis import Axis
-from rs485bus.motion.group.member import GroupAxis, GroupMemberMove
+from rs485bus.motion.group.member import GroupMember, GroupMemberMove
 from rs485bus.motion.joint import Joint
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move, MoveTarget
@@ -96,6 +96,7 @@ class ZlacWheel(Axis):
             acceleration=acceleration,
             tolerance=tolerance,
         )
+        self.member.accompany = self._accompany
 
     # Verbs
 
@@ -122,42 +123,32 @@ class ZlacWheel(Axis):
         wanted = self._sign * r.TARGET_TORQUE.of(self.side).raw(milliamperes)
         if slope is not None:
             r.TORQUE_SLOPE.of(self.side).raw(slope)
-        move = self._new_move(f"torque of {milliamperes} mA", None)
-        self._planned = None
-        self._queue.add(move, lambda: self._push(move, wanted, slope))
-        return move
+        return self._commands.queue(
+            f"torque of {milliamperes} mA", None, None, lambda move: self._push(move, wanted, slope)
+        )
 
     async def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
         for wheel in (self, self.other):
-            await wheel._queue.drain()
+            await wheel._stops.queue.drain()
 
     # For groups and for the pair
 
-    def goal_by(self, distance: float) -> MoveTarget:
-        distance = self._number("distance", distance)
-        if abs(self._to_counts(distance)) > r.MAX_COUNTS:
-            raise LimitExceeded(
-                f"{self.name}: a way of {distance:g} is longer than {r.MAX_COUNTS} counts, which is what the drive can "
-                "be told. Go it in several moves, each from a new zero: set_zero()."
-            )
-        return super().goal_by(distance)
-
-    def accompany(self, moves: Mapping[GroupAxis, GroupMemberMove]) -> None:
+    def _accompany(self, moves: Mapping[GroupMember, GroupMemberMove]) -> None:
         """One frame starts both wheels, where both go."""
         right = self.other
-        if self.side is Side.LEFT and right in moves:
-            pair((self, right), (moves[self], moves[right]))
+        if self.side is Side.LEFT and right.member in moves:
+            pair((self, right), (moves[self.member], moves[right.member]))
 
     def drop(self, handle: Handle[Any]) -> None:
         """The other wheel's part of a command failed: end this one's."""
         ended = MoveCancelled(f"Cancelled: {self.other.name} did not carry out its part of it.")
-        if self._queue.current is not handle:
-            self._queue.remove(handle, ended)
+        if self._stops.queue.current is not handle:
+            self._stops.queue.remove(handle, ended)
             return
-        self._queue.interrupt(ended)
+        self._stops.queue.interrupt(ended)
         # Where both are being stopped already, let that go first.
-        asyncio.get_running_loop().call_soon(self.stop_if_moving)
+        asyncio.get_running_loop().call_soon(self._stops.stop_if_moving)
 
     def stop_with(self, other: ZlacWheel) -> None:
         """The other wheel, which stops of this one may stop, too."""
@@ -167,10 +158,10 @@ class ZlacWheel(Axis):
     def stopped_as_pair(self, stop: Handle[None]) -> None:
         """Both wheels are being stopped."""
         self._stops.check_open()
-        self._queue.interrupt(MoveCancelled(f"{self.name} was stopped."))
+        self._stops.queue.interrupt(MoveCancelled(f"{self.name} was stopped."))
         self._supervisor.leave(self._at)
-        self._was_stopped()
-        self._queue.hold(stop)
+        self._executor.was_stopped()
+        self._stops.queue.hold(stop)
 
     def unconfirmed(self) -> StopUnconfirmed:
         """It was not seen standing after a stop of both wheels."""
@@ -178,12 +169,12 @@ class ZlacWheel(Axis):
 
     def carries_out(self, handle: Handle[Any]) -> bool:
         """Whether it has begun with a command."""
-        return self._queue.current is handle
+        return self._stops.queue.current is handle
 
     def overtake(self, run: Handle[Any]) -> None:
         """Do not wait for the speed of a run: another one follows."""
-        if self._queue.current is run:
-            self._executor.overtake()
+        if self._stops.queue.current is run:
+            self._runs.overtake()
 
     def order_once(self, what: str, plan: Callable[[], Plan[None]]) -> Handle[None]:
         """Queue something that is done once for both wheels."""
@@ -214,7 +205,7 @@ class ZlacWheel(Axis):
     @property
     def joint(self) -> Joint | None:
         """With whom it carries out the present command."""
-        joint = self._queue.joint
+        joint = self._stops.queue.joint
         return joint if isinstance(joint, Joint) else None
 
     # Carrying out
@@ -237,18 +228,20 @@ class ZlacWheel(Axis):
 
     def _go(self, parameters: MotionParameters, goal: MoveTarget) -> Move:
         # A position is gone to at whole rpm, and not as fast as the wheel can run.
-        return super()._go(self.position_pace(parameters.rpm, parameters.acceleration), goal)
+        return super()._go(self._scale.position_parameters(parameters.rpm, parameters.acceleration), goal)
 
     async def _move(self, move: Move, goal: MoveTarget, parameters: MotionParameters) -> float:
         async with self._in_turn(ControlMode.POSITION_ABSOLUTE):
             # Once more, with what the drive says of itself.
-            return await super()._move(move, goal, self.position_pace(parameters.rpm, parameters.acceleration))
+            return await super()._move(
+                move, goal, self._scale.position_parameters(parameters.rpm, parameters.acceleration)
+            )
 
     async def _run(
         self, move: Move, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None
     ) -> float:
         async with self._in_turn(ControlMode.VELOCITY):
-            self._check_speed(parameters.rpm)
+            self._scale.check_speed(parameters.rpm)
             return await super()._run(move, rpm, parameters, duration, ticks)
 
     async def _stream(
@@ -266,10 +259,7 @@ class ZlacWheel(Axis):
 
     def _new_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> Move:
         """Queue its part of a stream of both wheels."""
-        move = self._new_move("stream", None)
-        self._planned = None
-        self._queue.add(move, lambda: self._stream_part(move, begin))
-        return move
+        return self._commands.queue("stream", None, None, lambda move: self._stream_part(move, begin))
 
     async def _stream_part(
         self,
@@ -292,7 +282,7 @@ class ZlacWheel(Axis):
                 return StreamCourse(self._state, now, grace, streamer, self._at, counts, interval)
 
             try:
-                return self._to_units(await executor.follow(move, follow))
+                return self._to_units(await self._runs.follow(move, follow))
             finally:
                 for each in streamers:
                     each.close()
@@ -300,7 +290,7 @@ class ZlacWheel(Axis):
     async def _push(self, move: Move, milliamperes: int, slope: int | None) -> float:
         wanted = (milliamperes, slope)
         async with self._in_turn(ControlMode.TORQUE):
-            await self._executor.push(
+            await self._runs.push(
                 move, wanted, lambda: plans.push(self._zlac, {self._at: wanted}), self._zlac.push_all, "torque"
             )
             return await self.position()
@@ -318,6 +308,6 @@ def pair(wheels: tuple[ZlacWheel, ZlacWheel], parts: tuple[Handle[Any], Handle[A
     """Have both wheels carry out their parts of a command together."""
     joint = Joint((0, 1), lambda axis: wheels[axis].drop(parts[axis]))
     for axis, (wheel, part) in enumerate(zip(wheels, parts, strict=True)):
-        wheel._queue.pair(part, joint)
+        wheel._stops.queue.pair(part, joint)
         joint.join(axis, part)
     return joint

@@ -11,7 +11,7 @@ from rs485bus.arguments import positive
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, NotSupported
 from rs485bus.motion.group.execution import GroupExecution, Wish
-from rs485bus.motion.group.member import GroupAxis
+from rs485bus.motion.group.member import GroupAxis, GroupMember
 from rs485bus.motion.group.streams import GroupStream, StreamAxis
 from rs485bus.motion.move import Cancellable, Move, MoveState, MoveTarget, positions_until
 
@@ -35,7 +35,9 @@ class GroupMove(Cancellable[dict[str, float]]):
         """Who failed first."""
         super().__init__(f"move of the group {', '.join(axes)}", self._report)
         self._axes = axes
-        self._execution = GroupExecution(axes, goals, wish, self.finish, self._failed)
+        self._execution = GroupExecution(
+            {name: axis.member for name, axis in axes.items()}, goals, wish, self.finish, self._failed
+        )
 
     @property
     def seen(self) -> bool:
@@ -214,11 +216,11 @@ class AxisGroup:
             ValueError: a name is none of the group, or none is given.
             TypeError: something is no number.
         """
-        return self._go(positions, lambda axis, to: axis.goal_to(to), duration, rpm)
+        return self._go(positions, lambda member, to: member.goal_to(to), duration, rpm)
 
     def move_by(self, *, duration: float | None = None, rpm: float | None = None, **distances: float) -> GroupMove:
         """Send axes a distance each. Arguments and errors as for `move_to`."""
-        return self._go(distances, lambda axis, by: axis.goal_by(by), duration, rpm)
+        return self._go(distances, lambda member, by: member.goal_by(by), duration, rpm)
 
     def stream(self, *, timeout: float = 0.25, acceleration: float | None = None) -> GroupStream:
         """Turn all axes at speeds that are told as they come: `async with group.stream() as setpoint:
@@ -291,7 +293,7 @@ class AxisGroup:
     def _go(
         self,
         places: Mapping[str, float],
-        goal: Callable[[GroupAxis, float], MoveTarget],
+        goal: Callable[[GroupMember, float], MoveTarget],
         duration: float | None,
         rpm: float | None,
     ) -> GroupMove:
@@ -309,11 +311,12 @@ class AxisGroup:
         for name, axis in axes.items():
             axis.check_ready()
             try:
-                wish.check_speed(axis)
-                goals[name] = goal(axis, places[name])
-                start, end = axis.planned, goals[name].planned
+                member = axis.member
+                wish.check_speed(member)
+                goals[name] = goal(member, places[name])
+                start, end = member.planned, goals[name].planned
                 if start is not None and end is not None:
-                    wish.check(axis, axis.way(start, end))
+                    wish.check(member, member.way(start, end))
             except (LimitExceeded, TypeError) as error:
                 raise _named(name, error) from None
         return GroupMove(axes, goals, wish)

@@ -16,7 +16,7 @@ from rs485bus.bus.schedule.burst import Burst, BurstSlot
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, MoveFailed
 from rs485bus.motion.group.barrier import Barrier
-from rs485bus.motion.group.member import Course, GroupAxis
+from rs485bus.motion.group.member import Course, GroupMember
 from rs485bus.motion.move import MoveState, MoveTarget
 from rs485bus.motion.parameters import fitting, quickest, slowest
 from rs485bus.wire.frames import Request
@@ -33,12 +33,12 @@ class Wish:
     duration: float | None = None
     rpm: float | None = None
 
-    def highest(self, axis: GroupAxis) -> float:
+    def highest(self, axis: GroupMember) -> float:
         """The highest speed, in rpm, that an axis may have."""
         wanted = self.rpm if self.rpm is not None else axis.rpm if self.duration is None else math.inf
         return min(wanted, axis.highest_rpm)
 
-    def check_speed(self, axis: GroupAxis) -> None:
+    def check_speed(self, axis: GroupMember) -> None:
         """Raise `LimitExceeded` for a speed that is lower than the axis can be told."""
         if self.rpm is not None and self.rpm < axis.rpm_step:
             raise LimitExceeded(
@@ -46,7 +46,7 @@ class Wish:
                 "least."
             )
 
-    def check(self, axis: GroupAxis, turns: float, late: float = 0.0) -> None:
+    def check(self, axis: GroupMember, turns: float, late: float = 0.0) -> None:
         """Raise `LimitExceeded` where the duration is none that the axis can take for so many turns, if it starts so
         many seconds late."""
         if self.duration is None or not turns:
@@ -78,7 +78,7 @@ class GroupExecution:
 
     def __init__(
         self,
-        axes: Mapping[str, GroupAxis],
+        axes: Mapping[str, GroupMember],
         goals: Mapping[str, MoveTarget],
         wish: Wish,
         finished: Callable[[dict[str, float]], None],
@@ -191,7 +191,7 @@ class GroupExecution:
         # Who is being stopped for the same reason anyway, and faster perhaps, goes first.
         asyncio.get_running_loop().call_soon(self._stop, begun)
 
-    def _stop(self, begun: list[GroupAxis]) -> None:
+    def _stop(self, begun: list[GroupMember]) -> None:
         for axis in begun:
             with contextlib.suppress(BusError):  # one that cannot be stopped must not keep the others from it
                 axis.stop_if_moving()

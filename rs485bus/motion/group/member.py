@@ -44,24 +44,18 @@ class GroupCoordinator(Protocol):
         """This one's part has failed. All are stopped, and each is told then (`GroupMemberMove.tell`)."""
 
 
-@runtime_checkable
-class GroupAxis(Tellable, Protocol):
-    """An axis, as its group sees it."""
+class GroupMember(Tellable, Protocol):
+    """An axis, as those see it that move with it."""
 
     bus: Bus
     name: str
     attached: DeviceAdapter
-    rpm: float
+    accompany: Callable[[Mapping[GroupMember, GroupMemberMove]], None]
+    """Called with all that start together, before they do."""
 
     @property
     def planned(self) -> float | None:
         """Where the queue will have taken it, in units, if that is known."""
-
-    def check_ready(self) -> None:
-        """Raise what keeps it from taking another command."""
-
-    def forgive(self) -> None:
-        """Take commands again after a failure that nobody has seen."""
 
     def goal_to(self, position: float) -> MoveTarget:
         """A position, in units, as somewhere to go. Raises `LimitExceeded`."""
@@ -75,9 +69,6 @@ class GroupAxis(Tellable, Protocol):
     def join(self, goal: MoveTarget, who: str, coordinator: GroupCoordinator) -> GroupMemberMove:
         """Queue its part of a move that several make."""
 
-    def accompany(self, moves: Mapping[GroupAxis, GroupMemberMove]) -> None:
-        """Know who starts with it, before it does."""
-
     def start_frame(self, target: int, pace: MotionParameters) -> Request:
         """The frame that starts its part."""
 
@@ -86,6 +77,24 @@ class GroupAxis(Tellable, Protocol):
 
     def stop_if_moving(self) -> None:
         """Stop it, where it may move and is not being stopped already."""
+
+
+@runtime_checkable
+class GroupAxis(Protocol):
+    """An axis, as it is given to a group."""
+
+    bus: Bus
+    name: str
+
+    @property
+    def member(self) -> GroupMember:
+        """What its group tells it."""
+
+    def check_ready(self) -> None:
+        """Raise what keeps it from taking another command."""
+
+    def forgive(self) -> None:
+        """Take commands again after a failure that nobody has seen."""
 
     def enable(self) -> Handle[None]:
         """Energise its motor."""

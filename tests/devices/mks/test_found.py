@@ -92,7 +92,7 @@ async def told_after(
         if move.done():  # it has reached its speed: whoever gives the next command is told
             for _ in range(300):
                 await asyncio.sleep(0.01)
-                on.axis._queue.check()
+                on.axis._stops.queue.check()
         await move
     except BusError as error:
         return error, on.bus.now() - begun

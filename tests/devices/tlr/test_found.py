@@ -79,7 +79,7 @@ async def told_after(x: TlrStepper, move: Move, event: Callable[[], Any], rate: 
         if move.done():  # it has reached its speed: whoever gives the next command is told
             for _ in range(300):
                 await asyncio.sleep(0.01)
-                x._queue.check()
+                x._stops.queue.check()
         await move
     except BusError as error:
         return error, now() - begun
@@ -150,7 +150,7 @@ async def test_a_jog_into_a_limit_switch_of_the_machine_names_the_input() -> Non
         with pytest.raises(LimitReached, match=r"DI2 \(NEGATIVE_LIMIT\)"):
             for _ in range(40):
                 await asyncio.sleep(0.1)
-                x._queue.check()
+                x._stops.queue.check()
         # Off it the other way, and no false alarm there.
         await x.enable()
         assert await x.move_to(1.0) == 1.0
@@ -171,7 +171,7 @@ async def test_a_run_whose_reads_are_lost_is_stopped_or_goes_on_supervised(lost:
         sim.fail(1, now())
         await asyncio.sleep(0.5)
         with pytest.raises(DriveFault):
-            x._queue.check()
+            x._stops.queue.check()
 
 
 @virtual

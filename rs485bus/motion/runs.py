@@ -1,0 +1,171 @@
+"""Carries out what an axis goes on with: runs, streams, and what it is told until it is told otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+
+from rs485bus.bus.bus import Bus
+from rs485bus.errors import LimitReached, MotionError, MoveFailed
+from rs485bus.motion.carrier import Task
+from rs485bus.motion.courses import Course, RunCourse, Verdict
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.executor import MoveExecutor
+from rs485bus.motion.joint import PlanOfAll
+from rs485bus.motion.move import Move, MoveState
+from rs485bus.motion.other_courses import ForeignCourse
+from rs485bus.motion.parameters import MotionParameters
+from rs485bus.motion.plan import Plan
+from rs485bus.motion.profile import RunProfile
+from rs485bus.motion.run_limits import RunLimits
+from rs485bus.motion.state import Fact
+from rs485bus.motion.supervisor import Supervisor
+
+_WAY, _WAY_TIME = 0.05, 0.1
+"""By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""
+
+
+class RunExecutor:
+    """Carries out runs.
+
+    Args:
+        bus: the bus its drive is on.
+        drive: its drive.
+        axis: which one of the drive it is.
+        name: names it in messages.
+        executor: carries out its moves, and what runs have in common with them.
+        supervisor: looks at it.
+    """
+
+    def __init__(
+        self, bus: Bus, drive: Drive, axis: int, name: str, executor: MoveExecutor, supervisor: Supervisor
+    ) -> None:
+        self._bus = bus
+        self._drive = drive
+        self._axis = axis
+        self._name = name
+        self._executor = executor
+        self._supervisor = supervisor
+        self._state = drive.state.axes[axis]
+        self._overtaken = False
+        """Another run follows the one that is carried out."""
+
+    async def run(
+        self,
+        move: Move,
+        rpm: float,
+        parameters: MotionParameters,
+        duration: float | None,
+        ticks: int | None,
+        limits: tuple[int, int] | None,
+    ) -> None:
+        """Change to a speed, in the drive's direction: until that is reached; for a time, until it stands again. It is
+        stopped by its ramp before it leaves the limits, in counts."""
+        move.rpm, move.acceleration = abs(rpm), parameters.acceleration
+        self._overtaken = False
+        start = await self._executor.ready(standing=False)
+        task = Task(move, start=start, rpm=rpm, before=await self._speed())
+        since = self._state.known(Fact.POSITION).at
+        if limits is not None and rpm and not (start < limits[1] if rpm > 0 else start > limits[0]):
+            raise LimitReached(f"{self._name} stands at the end of its limits already, and can only run the other way.")
+        await self._run_off(task, rpm, parameters, ticks)
+        assert move.started_at is not None
+        rate = min(parameters.acceleration, parameters.slowing_down)
+        profile = RunProfile(rpm, rate, task.before, duration)
+        counts_per_turn = self._drive.ability(self._axis).counts_per_turn
+        course = RunCourse(
+            self._executor.short(move),
+            self._state,
+            move.started_at,
+            self._drive.start_grace,
+            profile=profile,
+            counts_per_turn=counts_per_turn,
+            limits=None if limits is None else RunLimits(*limits, rate / 60 * counts_per_turn, self._attempt),
+        )
+        move.eta = course.eta
+        if duration is None or not rpm:
+            await self._executor.see_it_end(move, course, reached=self._overtaken)
+            return
+        if ticks is not None:
+            await self._executor.see_it_end(move, course)
+        else:
+            began = move.started_at
+
+            async def end_it() -> None:
+                await self._run_off(Task(move, start=task.start, rpm=0.0, before=rpm), 0.0, parameters, None)
+                move.started_at = began
+
+            await self._executor.see_it_end(move, course, began + duration, end_it)
+        went = self._state.rule.moved(task.start or 0, self._state.value(Fact.POSITION)) / counts_per_turn
+        wanted = task.before * (move.started_at - since) / 60 + profile.turns_after(profile.ends_after)
+        if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(rpm) / 60):
+            what, remedy = self._executor.short(move), self._drive.what_else(self._axis)
+            raise MoveFailed(
+                f"{self._name} went {went:.3f} turns in its {what} for {duration:g} s, and should have gone "
+                f"{wanted:.3f}. {remedy}"
+            )
+
+    def overtake(self) -> None:
+        """Do not wait for the speed of the run that is carried out: another one follows."""
+        self._overtaken = True
+        if isinstance(self._supervisor.course(self._axis), RunCourse):
+            self._executor.told(Verdict.REACHED, None)
+
+    async def stream(self, move: Move, begin: Callable[[float], Course], *, by_reference: bool) -> int:
+        """Have it follow speeds that are told as they come, from the one on that it has; where that ended."""
+        await self._executor.ready(standing=False)
+        if by_reference:
+            self._executor.knowledge.check_reference()
+        self._executor.commanded = None
+        move.state, move.started_at = MoveState.MOVING, self._bus.now()
+        await self._executor.see_it_end(move, begin(await self._speed()))
+        position: int = self._state.last(Fact.POSITION).value
+        return position
+
+    async def follow(self, move: Move, begin: Callable[[float], Awaitable[Course]]) -> int:
+        """Have it follow speeds that are told it together with others; where that ended."""
+        self._executor.commanded = None
+        move.state, move.started_at = MoveState.MOVING, self._bus.now()
+        await self._executor.see_it_end(move, await begin(await self._speed()))
+        position: int = self._state.last(Fact.POSITION).value
+        return position
+
+    async def push(
+        self, move: Move, wanted: object, plan: Callable[[], Plan[None]], of_all: PlanOfAll, what: str
+    ) -> None:
+        """Have it do something by a plan that goes on until it is told otherwise. Done once it was told."""
+        task = Task(move, start=await self._executor.ready(standing=False))
+        await self._executor.set_off(task, plan, wanted, of_all)
+        assert move.started_at is not None
+        course = ForeignCourse(what, self._state, move.started_at, self._drive.start_grace, kept=True)
+
+        def told(_: Verdict, error: MotionError | None) -> None:
+            if error is not None:
+                self._executor.on_trouble(error)
+
+        self._supervisor.follow(self._axis, course, told)
+
+    # Parts of them
+
+    @property
+    def _attempt(self) -> float:
+        """Seconds that an attempt to tell the drive something may take in vain."""
+        return self._bus.owner.units[self._drive.address].reply_timeout
+
+    async def _run_off(self, task: Task, rpm: float, parameters: MotionParameters, ticks: int | None) -> None:
+        """Tell it a speed."""
+        await self._executor.set_off(
+            task,
+            lambda: self._drive.run(self._axis, rpm, parameters, ticks),
+            (rpm, parameters),
+            self._drive.run_all,
+        )
+
+    async def _speed(self) -> float:
+        """How fast it turns, in rpm, before it is told another speed."""
+        course = self._supervisor.course(self._axis)
+        if isinstance(course, RunCourse) and course.keeps:
+            return course.profile.rpm
+        if not self._state.motion.may_move:
+            return 0.0
+        await self._executor.knowledge.afresh(Fact.SPEED)
+        return float(self._state.value(Fact.SPEED) or 0.0)

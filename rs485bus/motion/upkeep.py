@@ -1,0 +1,65 @@
+"""Steps of plans that concern the drive, not its motion: it is asked though it is offline, guarded, or restarting."""
+
+from __future__ import annotations
+
+import asyncio
+
+import anyio
+
+from rs485bus.bus.bus import Bus
+from rs485bus.bus.failure import failure
+from rs485bus.bus.handle import settle
+from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.bus.watchdog.foreign import OPTION
+from rs485bus.bus.watchdog.guard import admit_and_arm
+from rs485bus.errors import DeviceOffline, NoReply, WatchdogInfeasible
+from rs485bus.motion.drive import Drive
+from rs485bus.motion.plan import AnswersAgain, Ask, KeepFed
+
+
+async def insist(bus: Bus, step: Ask) -> bytes:
+    """Send a request as the bus' own: one to a drive that answers nothing, and is taken for offline, is not sent else.
+    Raises as `Bus.ask`."""
+    ended: asyncio.Future[Job] = asyncio.get_running_loop().create_future()
+    job = Job(step.request, repeat=step.repeat, internal=True, on_end=lambda job: settle(ended, job))
+    bus.submit(job)
+    if (await asyncio.shield(ended)).outcome is not Outcome.REPLY:
+        raise failure(job, bus.flight)
+    return job.reply
+
+
+async def keep_fed(bus: Bus, drive: Drive, step: KeepFed) -> bool:
+    """Have a watchdog fed that was set before this program; whether it was fed already.
+
+    Raises:
+        WatchdogInfeasible: there is no room for its feeds.
+        NoReply: the drive does not answer.
+    """
+    if bus.owner.feeding.get(drive.address) is not None:
+        return True
+    try:
+        fed = await admit_and_arm(bus, drive, step.timeout)
+    except WatchdogInfeasible as error:
+        error.add_note(
+            f"{drive.name} has had its watchdog set to {1000 * step.timeout:g} ms before this program. {OPTION} turns "
+            "it off."
+        )
+        raise
+    if not fed:
+        raise NoReply(f"{drive.name} stopped answering while it was set up.", address=drive.address)
+    return False
+
+
+async def answers_again(bus: Bus, step: AnswersAgain) -> bool:
+    """Wait until a drive that was away answers twice that it is ready; False if it does not in its time."""
+    late, answers = bus.now() + step.timeout, 0
+    await anyio.sleep(step.pause)
+    while answers < 2:
+        try:
+            answers = answers + 1 if step.ready(await bus.ask(step.request)) else 0
+        except (NoReply, DeviceOffline):
+            answers = 0
+        if bus.now() > late:
+            return False
+        await anyio.sleep(step.pause)
+    return True

@@ -13,6 +13,10 @@ FIRST = 0.55
 AGAIN = 0.2
 _FASTER = 1.25
 _SLOWEST = 1.0
+_STILL = 1.0
+"""rpm below which it says that the axis stands."""
+_AT_A_LIMIT = 0.01
+"""How near to a limit it stops at the most, as a share of the way between the limits."""
 _QUIT, _ENABLE = "q", "e"
 _FORWARD, _BACKWARD = ("right", "l", "d", "+"), ("left", "h", "a", "-")
 _UP, _DOWN = ("up", "k", "w"), ("down", "j", "s")
@@ -75,6 +79,27 @@ class Jog:
             self._direction, self.quits = 0, True
         else:  # the space bar, and whatever was hit in haste
             self._direction = 0
+
+    def state(
+        self, asked: float, actual: float, position: float, limits: tuple[float, float] | None, unit: str
+    ) -> str:
+        """What the axis does, in words.
+
+        Args:
+            asked: the set-point, in rpm.
+            actual: its speed, in rpm.
+            position: where it is, in its units.
+            limits: lowest and highest position, in its units; None for no limits.
+            unit: what its units are called.
+        """
+        if abs(actual) >= _STILL:
+            return "turns" if asked else "stops"
+        if asked and limits is not None:
+            limit = limits[asked > 0]
+            left = limit - position if asked > 0 else position - limit
+            if left <= _AT_A_LIMIT * (limits[1] - limits[0]):
+                return f"at its limit, {limit:g} {unit}: is it homed?"
+        return "begins to turn" if asked else "stands"
 
     def speed(self, now: float) -> float:
         """The set-point, in rpm."""

@@ -39,7 +39,7 @@ async def run_jog(where: Where, name: str, rpm: float) -> int:
                         speed = keys.speed(loop.time())
                         setpoint(speed)
                         position, actual = await axis.position(), await axis.velocity()
-                        state = "turns" if speed else "stands" if abs(actual) < 1 else "stops"
+                        state = keys.state(speed, actual, position, axis.limits, unit)
                         live.update(
                             Text(f"{name}  {position:10.3f} {unit}  {actual:8.1f} rpm  (set {keys.rpm:.0f})  {state}")
                         )
@@ -47,7 +47,7 @@ async def run_jog(where: Where, name: str, rpm: float) -> int:
                 if keys.wants_enable:
                     keys.wants_enable = False
                     await axis.enable()
-        out.print(f"{name} stands: {await axis.position():g} {unit}.")
+        out.print(f"{name} stands: {await axis.position():.3f} {unit}.")
     return DONE
 
 

@@ -35,6 +35,8 @@ async def serve(
     if os.name != "posix":
         raise NotSupported("A pseudo-terminal needs Linux or macOS. On Windows use a null-modem driver, or WSL.")
     devices = [FAMILIES[family](address) for family, addresses in drives.items() for address in addresses]
+    for device in devices:
+        device.baudrate = baudrate
     line = VirtualLine(*devices, baudrate=baudrate)
     async with AsyncExitStack() as served:
         port = await served.enter_async_context(await line.serve_pty(link))

@@ -126,6 +126,11 @@ class VirtualPair:
         elif self.ears:
             self._pass_on(bytes(data), start, self._overhear)
 
+    def speak(self, line: LineSettings) -> None:
+        """The master speaks and listens like this from now on."""
+        self.line = line
+        self.usable_silence = line.t35
+
     def babble(self, intervals: Iterator[float], now: float) -> None:
         """From now on there are bytes that nobody sends, one after each of those intervals: a pair without bias, say.
 

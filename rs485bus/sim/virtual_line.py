@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Literal
@@ -19,6 +21,8 @@ from rs485bus.transport.interface import Sink
 from rs485bus.wire.timing import LineSettings, Parity
 
 _QUIET = Noise()
+_TCGETS2, _TERMIOS2 = 0x802C542A, 44
+"""Linux: the request for a terminal's settings with their rates as numbers, and the size of the answer."""
 
 
 class VirtualLine:
@@ -104,13 +108,16 @@ class VirtualLine:
         """Put the line on a pseudo-terminal, in real time, so that any Modbus master can be tried on it (not Windows).
 
         There, frames that start too early are counted but understood: what comes through a pseudo-terminal is late by
-        what the system makes it.
+        what the system makes it. The master speaks at the rate to which it sets the pseudo-terminal. A drive hears it at
+        its own rate only; one without a rate of its own gets that of the line, here.
 
         Args:
             link: a symbolic link to make to it, for a path that stays the same.
         """
         self._run()
         self.pair.lenient = True
+        for device in self.pair.devices:
+            device.baudrate = device.baudrate or self.line.baudrate
         return VirtualPort(self, link)
 
     async def serve_tap(self, link: str | Path | None = None) -> VirtualPort:
@@ -139,6 +146,12 @@ class VirtualLine:
         """The master sends."""
         self.pair.transmit(data, now)
         self._pump()
+
+    def speak(self, baudrate: int) -> None:
+        """The master speaks and listens at this rate from now on."""
+        if baudrate != self.line.baudrate:
+            self.line = replace(self.line, baudrate=baudrate)
+            self.pair.speak(self.line)
 
     def _run(self) -> None:
         loop = asyncio.get_running_loop()
@@ -211,13 +224,17 @@ class VirtualPort:
 
     def _read(self) -> None:
         data = os.read(self._master, 4096)
-        if self._speaks_our_rate() and not self._listens_only:
+        if not self._listens_only:
+            self._line.speak(_rate_of(self._slave))
             self._line.transmit(data, self._loop.time())
 
-    def _speaks_our_rate(self) -> bool:
-        """Whether the other side is set to the line's baud rate, as far as its name is a standard one."""
-        import termios
 
-        speed = termios.tcgetattr(self._slave)[5]
-        ours = getattr(termios, f"B{self._line.line.baudrate}", None)
-        return ours is None or speed == ours
+def _rate_of(terminal: int) -> int:
+    """The baud rate that a pseudo-terminal is set to, also where it is none of the usual ones."""
+    import fcntl
+    import termios
+
+    if sys.platform == "linux":
+        settings = fcntl.ioctl(terminal, _TCGETS2, bytes(_TERMIOS2))
+        return int.from_bytes(settings[-4:], sys.byteorder)
+    return int(termios.tcgetattr(terminal)[5])  # there, the constants are the rates

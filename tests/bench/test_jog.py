@@ -53,6 +53,20 @@ def test_up_and_down_change_the_speed_within_what_the_axis_can_do() -> None:
     assert keys.rpm == 1
 
 
+def test_it_says_why_an_axis_does_not_turn() -> None:
+    def state(asked: float, actual: float, position: float) -> str:
+        return jog().state(asked, actual, position, (0.0, 120.0), "mm")
+
+    assert state(30, 29, 60) == "turns"
+    assert state(0, 29, 60) == "stops"
+    assert state(0, 0, 60) == "stands"
+    assert state(30, 0, 60) == "begins to turn"
+    assert state(-30, 0, 0.1) == state(-30, 0, -3) == "at its limit, 0 mm: is it homed?"
+    assert state(30, 0, 119.9) == "at its limit, 120 mm: is it homed?"
+    assert state(30, 0, 0.1) == "begins to turn"
+    assert jog().state(30, 0, 0.1, None, "mm") == "begins to turn"
+
+
 def test_what_a_terminal_sends_is_read_as_keys() -> None:
     assert keys_in("\x1b[C\x1b[C\x1bODa \x1b") == ["right", "right", "left", "a", " ", "esc"]
 

@@ -19,6 +19,18 @@ def test_a_drive_gets_its_address_in_real_time() -> None:
     assert sim.address == 4
 
 
+@posix
+@pytest.mark.parametrize("rate", [115200, 256000])
+def test_a_drive_gets_another_baud_rate_in_real_time(rate: int) -> None:
+    sim = SimMks(1)
+    with serving(sim, baudrate=38400) as port:
+        result = invoke("setup", port, "-b", "38400", "--address", "1", "--new-baudrate", str(rate), "--yes")
+        assert result.returncode == 0, result.said
+        assert invoke("scan", port, "-b", str(rate), "--addresses", "1").returncode == 0
+        assert invoke("scan", port, "-b", "38400", "--addresses", "1").returncode != 0
+    assert sim.baudrate == rate
+
+
 def test_each_change_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
 

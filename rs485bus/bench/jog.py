@@ -80,9 +80,7 @@ class Jog:
         else:  # the space bar, and whatever was hit in haste
             self._direction = 0
 
-    def state(
-        self, asked: float, actual: float, position: float, limits: tuple[float, float] | None, unit: str
-    ) -> str:
+    def state(self, asked: float, actual: float, position: float, limits: tuple[float, float] | None, unit: str) -> str:
         """What the axis does, in words.
 
         Args:

@@ -53,12 +53,14 @@ class Block:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool:
         """Leave it, by an exception or without. Returns whether that is not to go on."""
-        assert self._task is not None
-        assert self._leaving is not None
+        task, leaving = self._task, self._leaving
+        assert task is not None
+        assert leaving is not None
         self.entered = False
-        self._leaving.set_result((kind, error, trace))
-        await asyncio.wait([self._task])
-        return bool(self._task.result())
+        self._task = self._leaving = None  # the exception's frames are not to be kept
+        leaving.set_result((kind, error, trace))
+        await asyncio.wait([task])
+        return bool(task.result())
 
     async def _hold(self, entered: asyncio.Future[Any], leaving: asyncio.Future[_Left]) -> bool | None:
         entered.set_result(await self._manager.__aenter__())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import weakref
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -73,7 +72,7 @@ class Bus(_BusFace):
         bus = cls.__new__(cls)
         bus._opened = opened
         bus._adopt(opened.bus, opened.loop, None)
-        weakref.finalize(bus, opened.forgotten).atexit = False
+        opened.held_by(bus)
         return bus
 
     def mks(self, address: int, **settings: Any) -> Any:

@@ -8,6 +8,7 @@ import atexit
 import contextlib
 import os
 import warnings
+import weakref
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from types import TracebackType
@@ -41,6 +42,7 @@ class Opened:
         self._stops: list[Handle[Any]] = []
         self._process = os.getpid()
         self._closed = False
+        self._finalizer: weakref.finalize[..., Any] | None = None
         interrupts.add(self)  # from here on Ctrl-C is put off until it is open
         self.loop = shared_loop.borrow()
         atexit.register(self.close)
@@ -52,6 +54,11 @@ class Opened:
             else:
                 self._end()
             raise
+
+    def held_by(self, face: object) -> None:
+        """Whoever has this face holds it open. When nobody has it any more, it is closed."""
+        self._finalizer = weakref.finalize(face, self.forgotten)
+        self._finalizer.atexit = False
 
     def leave(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Close it as a block does: after queued moves, or at once where the block is left by an exception."""
@@ -110,6 +117,8 @@ class Opened:
 
     def _end(self) -> None:
         self._closed = True
+        if self._finalizer is not None:
+            self._finalizer.detach()
         interrupts.remove(self)
         atexit.unregister(self.close)
         shared_loop.give_back(self.loop)

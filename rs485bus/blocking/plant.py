@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import weakref
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +68,7 @@ class Plant(_PlantFace):
         try:
             opened = self._opened = Opened(self._inner)
             opened.axes += self._inner.axes.values()
-            weakref.finalize(self, opened.forgotten).atexit = False
+            opened.held_by(self)
             self._adopt(self._inner, opened.loop, None)
         finally:
             calls.depth -= 1

@@ -108,8 +108,8 @@ class VirtualLine:
         """Put the line on a pseudo-terminal, in real time, so that any Modbus master can be tried on it (not Windows).
 
         There, frames that start too early are counted but understood: what comes through a pseudo-terminal is late by
-        what the system makes it. The master speaks at the rate to which it sets the pseudo-terminal. A drive hears it at
-        its own rate only; one without a rate of its own gets that of the line, here.
+        what the system makes it. The master speaks at the rate to which it sets the pseudo-terminal. A drive hears it
+        at its own rate only; one without a rate of its own gets that of the line, here.
 
         Args:
             link: a symbolic link to make to it, for a path that stays the same.
@@ -234,7 +234,7 @@ def _rate_of(terminal: int) -> int:
     import fcntl
     import termios
 
-    if sys.platform == "linux":
+    if os.uname().sysname == "Linux":
         settings = fcntl.ioctl(terminal, _TCGETS2, bytes(_TERMIOS2))
         return int.from_bytes(settings[-4:], sys.byteorder)
     return int(termios.tcgetattr(terminal)[5])  # there, the constants are the rates

@@ -1,7 +1,10 @@
 """What one does with a blocking bus, in a script or in the cells of a notebook."""
 
+import contextlib
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -249,3 +252,15 @@ def test_a_plant_file_opens_its_buses_and_names_its_axes(tmp_path: Path) -> None
         assert plant.x.position() == pytest.approx(1, abs=0.01)
         (report,) = plant.emergency_stop().values()
         assert report.all_standing
+
+
+def test_a_bus_that_was_left_by_an_exception_is_kept_by_nobody() -> None:
+    def interrupted() -> weakref.ref[blocking.Bus]:
+        with contextlib.suppress(KeyboardInterrupt), blocking.open_bus(VirtualLine(SimMks(1))) as bus:
+            bus.mks(1).run(300)
+            raise KeyboardInterrupt
+        return weakref.ref(bus)
+
+    left = interrupted()
+    gc.collect()
+    assert left() is None

@@ -1,17 +1,19 @@
 """The command `rs485bus`: what a person sees, in real time where a plant runs."""
 
 import asyncio
+import io
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from rs485bus import MksServo, TlrStepper, open_bus
 from rs485bus.cli.demo import run_demo
 from rs485bus.cli.process import console
-from rs485bus.cli.serve import FAMILIES
+from rs485bus.cli.serve import FAMILIES, serve
 from rs485bus.cli.session import Where
 from rs485bus.sim import Machine, SimMks, VirtualLine
 from tests.cli.support import invoke, serving
@@ -108,6 +110,23 @@ def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_p
         assert b"home() finds a switch: MKS 2 turns down, TL-R 2 turns up." in output
         assert b"0 of them before t3.5" in output
         assert process.returncode == 130
+
+    in_real_time(main)
+
+
+@posix
+def test_drives_of_sim_are_at_the_rate_that_is_said(tmp_path: Path) -> None:
+    async def main() -> None:
+        link = tmp_path / "port"
+        drives = {"MKS": [4], "ZLAC": [5], "TL-R": [6]}
+        serving = asyncio.create_task(serve(38400, drives, str(link), Console(file=io.StringIO())))
+        while not link.is_symlink():  # noqa: ASYNC110 - serve() tells nobody
+            await asyncio.sleep(0.01)
+        async with open_bus(str(link), baudrate=38400) as bus:
+            assert await bus.unit(4).read_input_registers(0xF1) == [1]
+            assert await bus.unit(5).read_holding_registers(0x2001) == [5]
+            assert await bus.unit(6).read_holding_registers(0x23) == [4000]
+        serving.cancel()
 
     in_real_time(main)
 

@@ -6,6 +6,8 @@ import pytest
 
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.stopping.stops import Stops
+from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.sim.campaigns.small import explore
 from rs485bus.sim.campaigns.small.explore import Explored, expand
 from rs485bus.sim.campaigns.small.world import WORLDS, World
@@ -57,13 +59,24 @@ def order_everywhere(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(PendingReplies, "__init__", lambda late, in_order=True: init(late, True))
 
 
+def no_locks(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Stops, "trip", lambda stops, watch, reason: stops._feeding.trip(watch))
+
+
+def no_feeds(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Feeding, "due", lambda feeding, now: None)
+    patch.setattr(Feeding, "soon", lambda feeding, now: None)
+
+
 @pytest.mark.parametrize(
     ("name", "begin", "only", "depth", "removed", "found"),
     [
         ("stop", "", "23TR", 6, no_epochs, "older than a stop, and is sent after it"),
-        ("verified", "21", "3TR", 4, no_epochs, "older than a stop, and is sent after it"),
+        ("verified", "21", "3TR", 5, no_epochs, "older than a stop, and is sent after it"),
         ("burst", "", "123TR", 4, no_epochs, "older than a stop, and is sent after it"),
         ("two-reads", "", "12TDP", 7, no_waiting, "given the answer to another request"),
+        ("watchdog", "1RTR", "2TL", 24, no_locks, "moves a drive that its watchdog has stopped"),
+        ("watchdog", "1RTR", "23TR", 4, no_feeds, "the drive trips, though all that it is asked is answered"),
         ("gateway", "1TDT3TR", "12TDPR", 3, order_everywhere, "given the answer to another request"),
     ],
 )

@@ -4,26 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
+from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector, WatchdogRegister
 from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.frames import Request, crc, payload, read_holding, write_single
 
-STATUS, POSITION, START, STOP = 0, 1, 10, 11
+STATUS, POSITION, START, STOP, WATCHDOG = 0, 1, 10, 11, 12
 _CYCLE = 7
 
 
 class SmallDrive:
-    """The device: a start sets it in motion, a stop ends that. Nothing else does."""
+    """The device: a start sets it in motion; a stop ends that, and so does its watchdog once that is set."""
 
     def __init__(self, address: int) -> None:
         self.address = address
         self.turns = False
         self.starts: list[int] = []
         """The values of the starts that it has carried out."""
+        self.watchdog_ms = 0
+        self.tripped = False
+        """Its watchdog has stopped it."""
+        self._heard_at = float("-inf")
         self._position = 0
 
-    def answer(self, frame: bytes, *, refuses: bool = False) -> bytes:
+    def advance(self, now: float) -> None:
+        """Let happen what its watchdog does until now."""
+        if self.watchdog_ms and now - self._heard_at > self.watchdog_ms / 1000:
+            self.tripped, self.turns = True, False
+
+    def answer(self, frame: bytes, now: float, *, refuses: bool = False) -> bytes:
         """Do what a frame says; return the answer."""
+        self.advance(now)
+        self._heard_at = now
         function, register, value = frame[1], frame[3], int.from_bytes(frame[4:6], "big")
         if refuses:
             return _framed(bytes((self.address, function | 0x80, 6)))
@@ -33,6 +44,8 @@ class SmallDrive:
                 self.starts.append(value)
             elif register == STOP:
                 self.turns = False
+            elif register == WATCHDOG:
+                self.watchdog_ms = value
             return frame
         if self.turns:
             self._position = (self._position + 1) % _CYCLE
@@ -48,6 +61,7 @@ class SmallAdapter(DeviceAdapter):
     def __init__(self, address: int) -> None:
         self.address = address
         self.motion = Motion()
+        self.watchdog = _Watchdog(address)
         self._reads = (read_holding(address, STATUS, 1), read_holding(address, POSITION, 2))
         self._stop = write_single(address, STOP, 1)
 
@@ -71,6 +85,17 @@ class SmallAdapter(DeviceAdapter):
 
     def interrupted(self, unheard: float, reason: str) -> None:
         """Nobody wants to know."""
+
+
+class _Watchdog(WatchdogRegister):
+    register = WATCHDOG
+    highest = 0xFFFF
+
+    def __init__(self, address: int) -> None:
+        self._address = address
+
+    def write(self, milliseconds: int) -> Request:
+        return write_single(self._address, WATCHDOG, milliseconds)
 
 
 class _Judgement(StandstillDetector):

@@ -50,10 +50,14 @@ def expand(name: str, paths: list[str], only: str = "") -> list[tuple[str, int, 
     """What follows each of some states: path, number, and what is wrong there. `only` says which actions are tried."""
     following = []
     for path in paths:
-        for action in World(name, path).actions():
-            if only and action not in only:
-                continue
-            world = World(name, path + action)
+        at = World(name, path)
+        actions = [action for action in at.actions() if not only or action in only]
+        for action in actions:
+            if action == actions[-1]:
+                world = at  # nobody else needs it
+                world.do(action)
+            else:
+                world = World(name, path + action)
             number = world.fingerprint()
             if not world.wrong and number % _FINISHED == 0:
                 world.finish()

@@ -7,6 +7,7 @@ stands. An action is a letter; a path is a string of them, and says a state.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from rs485bus.bus.config import BusConfig
@@ -15,6 +16,8 @@ from rs485bus.bus.schedule.burst import Burst, BurstSlot
 from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.bus.schedule.verification import holds
 from rs485bus.bus.stopping.halt import Halted
+from rs485bus.bus.watchdog.arming import Armed, Arming
+from rs485bus.bus.watchdog.reckoning import LOST
 from rs485bus.sim.campaigns.small.drive import START, SmallAdapter, SmallDrive
 from rs485bus.sim.campaigns.small.fingerprint import fingerprint
 from rs485bus.wire.frames import Request, crc, read_holding, write_multiple, write_single
@@ -37,8 +40,12 @@ WORLDS: dict[str, str] = {
     "burst": "two moving writes that go out as one, and a stop",
     "two-reads": "two reads of the same looks, and a write",
     "gateway": "two reads of the same looks and a write, behind a gateway",
+    "watchdog": "a watchdog that is armed, a moving write that must not be repeated, and a stop",
 }
 _READS = ("two-reads", "gateway")
+_WATCHDOG = 0.4
+"""Seconds: three attempts that fail, and some feeds."""
+_FED_FOR = 3 * _WATCHDOG
 ACTIONS = {
     "1": "the first job is submitted",
     "2": "the second job is submitted",
@@ -88,6 +95,11 @@ class World:
         self.asked: list[_Asked | None] = [None, None, None]
         self.stops = 0
         self.halted: list[Halted] = []
+        self.armed: list[Armed] = []
+        """How arming ended, once it has."""
+        self._arms = False
+        self._missed = 0
+        """Frames in a row that unit 2 has not answered in time."""
         self._moves_since_stop = 0
         self._burst = Burst(2)
         self._frame: bytes | None = None
@@ -104,7 +116,8 @@ class World:
 
     def actions(self) -> str:
         """What can happen next."""
-        can = "".join(str(at + 1) for at in range(3) if self.asked[at] is None and not (at == 2 and self.stops))
+        begun = (self._arms, False, bool(self.stops))
+        can = "".join(str(at + 1) for at in range(3) if self.asked[at] is None and not begun[at])
         if self._frame is not None:
             can += "RLADX" if self._connected else "L"
         elif self.owner.wake < float("inf"):
@@ -157,8 +170,25 @@ class World:
             for at in (0, 1):
                 if self.asked[at] is None:
                     self._submit(at)  # one that waits for the others waits for as long as those are to come
-        end, actions = self.now + _LONGEST, 0
-        while self.now < end and actions < _MANY and not self._all_ended:
+        self._go_on(self.now + _LONGEST, lambda: self._all_ended)
+        self.wrong += [f"job {at + 1} never ends" for at, one in enumerate(self.asked) if one and not one.ends]
+        if len(self.halted) < self.stops:
+            self.wrong.append("whoever stopped the drive is never told")
+        elif self._arms and not self.armed:
+            self.wrong.append("whoever armed the watchdog is never told")
+        elif self._is_unwanted and self.drive.turns:
+            self.wrong.append("the drive turns in the end, and nobody wants that")
+        if self.drive.watchdog_ms and self._missed <= LOST and self.owner.feeding.armed:
+            end = self.now + _FED_FOR
+            self._go_on(end, lambda: False)
+            self.drive.advance(end)
+            if self.drive.tripped or self.owner.units[DRIVE].locked:
+                self.wrong.append("the drive trips, though all that it is asked is answered")
+
+    def _go_on(self, end: float, is_over: Callable[[], bool]) -> None:
+        """Let everything be answered until a time, or until something holds."""
+        actions = 0
+        while self.now < end and actions < _MANY and not is_over():
             actions += 1
             if self._frame is not None:
                 self.do("R")
@@ -168,16 +198,12 @@ class World:
                 self.do("T")
             else:
                 break
-        self.wrong += [f"job {at + 1} never ends" for at, one in enumerate(self.asked) if one and not one.ends]
-        if len(self.halted) < self.stops:
-            self.wrong.append("whoever stopped the drive is never told")
-        elif self._is_unwanted and self.drive.turns:
-            self.wrong.append("the drive turns in the end, and nobody wants that")
 
     @property
     def _all_ended(self) -> bool:
         stopped = len(self.halted) >= self.stops and not (self._is_unwanted and self.drive.turns)
-        return stopped and all(one is None or one.ends for one in self.asked)
+        told = bool(self.armed) or not self._arms
+        return stopped and told and all(one is None or one.ends for one in self.asked)
 
     @property
     def _is_unwanted(self) -> bool:
@@ -187,8 +213,8 @@ class World:
     def fingerprint(self) -> int:
         """The number of this state."""
         mine = (self.owner, self.drive, self.memory, self._late, self._frame, self.asked, self.halted, self.stops)
-        more = (self._serial, self._connected, self._moves_since_stop, self._heard_at, self._sent_until)
-        return fingerprint((mine, more), self.now)
+        more = (self.armed, self._serial, self._connected, self._moves_since_stop, self._heard_at, self._sent_until)
+        return fingerprint((mine, more, self._arms, self._missed), self.now)
 
     # Inside
 
@@ -214,6 +240,9 @@ class World:
         if at == 2 and self.name not in _READS:
             self._stop()
             return
+        if at == 0 and self.name == "watchdog":
+            self._arm()
+            return
         request, options = self._request(at)
         job = Job(request, on_end=lambda job: self._ended(at), **options)  # type: ignore[arg-type]
         self.asked[at] = _Asked(job, self.stops)
@@ -225,6 +254,12 @@ class World:
         self.stops += 1
         self.owner.now = self.now
         self.owner.stops.halt(self.owner.units[DRIVE], self.adapter.motion, emergency=True).listen(self._told)
+        self._tick(self.now)
+
+    def _arm(self) -> None:
+        self._arms = True
+        self.owner.now = self.now
+        self.owner.start(Arming(self.owner, [self.adapter], _WATCHDOG).run(), self.armed.append)
         self._tick(self.now)
 
     def _stopped(self) -> None:
@@ -250,6 +285,7 @@ class World:
             self.wrong.append(f"a frame too early: {frame.hex(' ')}")
         if not self._connected:
             self.wrong.append("a frame without a port")
+        self.drive.advance(start)
         self.now = self._sent_until = start + _LINE.airtime(len(frame))
         self._frame = frame
         self._may_go(frame)
@@ -263,6 +299,8 @@ class World:
                 self.wrong.append(f"job {at + 1} is sent after its end")
             if one.cancelled:
                 self.wrong.append(f"job {at + 1} is sent after it was cancelled")
+            if one.job.moves and self.drive.tripped:
+                self.wrong.append(f"job {at + 1} moves a drive that its watchdog has stopped")
             if one.job.moves and one.at < 0:
                 self.wrong.append(f"job {at + 1} moves, is older than a stop, and is sent after it")
             if one.job.repeat is Repeat.NEVER and one.sent > 1:
@@ -271,6 +309,8 @@ class World:
     def _decide(self, action: str) -> None:
         frame, self._frame = self._frame, None
         assert frame is not None
+        if frame[0] == DRIVE:
+            self._missed = 0 if action in "RX" else self._missed + 1
         if action == "L":
             return
         answer = self._answer(frame, refuses=action == "X")
@@ -283,7 +323,7 @@ class World:
 
     def _answer(self, frame: bytes, refuses: bool) -> bytes:
         if frame[0] == DRIVE:
-            return self.drive.answer(frame, refuses=refuses)
+            return self.drive.answer(frame, self.now, refuses=refuses)
         function, register = frame[1], frame[3]
         if refuses:
             body = bytes((MEMORY, function | 0x80, 6))

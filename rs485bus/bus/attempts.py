@@ -221,7 +221,8 @@ class Attempts:
             read = unit.harmless_read()
             if self._repeating.after_doubt(job, read, lambda why: self._was_in_doubt(job, why), self._clock.now):
                 return
-        self._not_answered(job, unit, how, 0.0 if job.internal or frame or how != "no reply" else owed_until)
+        ended = job.internal or job.setpoint or frame or how != "no reply"
+        self._not_answered(job, unit, how, 0.0 if ended else owed_until)
 
     def _was_in_doubt(self, job: Job, reason: Reason) -> None:
         """The adapter has been found out, or nobody answered, or that could not be asked."""

@@ -127,7 +127,8 @@ class Owner:
         job.queued_at = self._clock.now = now
         job.outcome = job.code = job.heard = None
         reason = self.gate.refusal(job)
-        if self.queue.size >= self.config.max_queued and not job.internal and job.urgency is not Urgency.STOP:
+        exempt = job.internal or job.setpoint or job.urgency is Urgency.STOP
+        if self.queue.size >= self.config.max_queued and not exempt:
             reason = Reason.QUEUE_FULL
         if reason is Reason.NONE and job.slot is not None:
             reason = self.starts.join(job)
@@ -136,7 +137,7 @@ class Owner:
         if reason is not Reason.NONE:
             self._end(job, Outcome.NOT_SENT, reason)
             return
-        self.queue.put(job)
+        self.queue.put(job, first=job.goes_on)
         if job.expires_at is not None:
             job.timer = self.at(job.expires_at, lambda: self._expire(job))
         if self.pair.job is None:
@@ -352,7 +353,8 @@ class Owner:
         equal write before it."""
         if not job.request.writes:
             return job.attempts == 1 or job.urgency is not Urgency.CONFIRM
-        return job.is_repeatable and (job.internal or job.attempts <= self._attempts.retries_of(job))
+        again = job.internal or job.setpoint or job.attempts <= self._attempts.retries_of(job)
+        return job.is_repeatable and again
 
     # How jobs end
 

@@ -26,7 +26,10 @@ _GENTLER = 0.9
 """The part of the acceleration that a drive has at least, which is told the next gentler one."""
 _AGAIN = 0.05
 """Seconds after which a speed is told again whose answer may have been that to another one."""
+_MISSED = 3
+"""Answers missed in a row after which one is waited for as long as the drive may take: it may have become slow."""
 _FOREVER = float("inf")
+_SILENCE = (Outcome.NO_REPLY, Outcome.UNKNOWN)
 _NO_MORE = (Reason.STOPPED, Reason.EMERGENCY, Reason.LATCHED, Reason.LOCKED, Reason.UNPLUGGED, Reason.CLOSED)
 """Why nothing can be told any more."""
 
@@ -85,7 +88,7 @@ class Told:
     sure: bool = True
     """The drive has acknowledged it, by an answer that can be to nothing else."""
     delay: float = 0.0
-    """How old the newest set-point was when its frame was sent, in seconds."""
+    """How old the newest set-point was when the frame was sent that carries it, in seconds."""
     count: int = 0
     """Set-points that were told, or steps towards them."""
 
@@ -131,21 +134,27 @@ class Streamer:
         """No frame was sent since the newest set-point."""
         self._expired = False
         self._job: Job | None = None
-        self._frames: Sequence[Request] = () if any(speeds) else self._setpoints(self._zero)
-        """What tells the speeds that are being told, or were told last."""
         self._next = speeds
-        """Those speeds."""
+        """The speeds that are being told, or were told last."""
         self._next_at = NEVER
         """When the set-point was given that they are told for; never for a mere step of a ramp."""
+        self._carried_at = NEVER
+        """When the frame was sent that carries them; never while it was not."""
         self._rest: deque[Request] = deque()
-        """What of that was not sent yet."""
+        """The frames that tell them, but for the one that is on its way and those before it."""
+        self._has_begun = False
+        """The first of them was sent."""
         self._is_unmistakable = True
-        """No older answer can be taken for the one to the frame that was sent last."""
+        """No older answer can be taken for one to these frames."""
+        self._missed = 0
+        """Frames that were not answered since one was, in the time that the drive is known to take."""
         self._not_before = NEVER
+        self._again_at = NEVER
+        """When the drive is told once more what it may not have heard, if there is nothing newer."""
         self._wakes_at = _FOREVER
         self._over = False
         for state in self._states:
-            state.ramp_stop = self._setpoints(self._zero)[-1]
+            state.ramp_stop = self._frames(self._zero)[-1]
         self._go_on()
 
     @property
@@ -178,7 +187,7 @@ class Streamer:
 
     def insist(self) -> None:
         """Say it again: it was seen not to have been heard."""
-        self.told.sure = False
+        self.told.sure, self._again_at = False, NEVER
         self._go_on()
 
     @property
@@ -194,14 +203,15 @@ class Streamer:
         if self._over or now < self._not_before:
             return
         target = self._target(now)
-        step = self._step(target, now)
+        step, told = self._step(target, now), self.told
+        is_known = told.sure or now < self._again_at
         if self._job is not None:
             self._renew(step)
-        elif step == self.told.speeds and self.told.sure:
+        elif step == told.speeds and is_known:
             self._is_new = False
-            self._wake_at(self._changes_at(now, step != target))
-        elif step != target and not self._is_new and self.told.sure and now < self.told.at + STEP - 1e-6:
-            self._wake_at(self.told.at + STEP)
+            self._wake_at(min(self._changes_at(now, step != target), _FOREVER if told.sure else self._again_at))
+        elif step != target and not self._is_new and is_known and now < told.at + STEP - 1e-6:
+            self._wake_at(told.at + STEP)
         else:
             self._tell(step, now)
 
@@ -250,40 +260,55 @@ class Streamer:
 
     # Telling them
 
-    def _setpoints(self, speeds: Speeds) -> Sequence[Request]:
+    def _frames(self, speeds: Speeds, *, afresh: bool = False) -> Sequence[Request]:
+        """What tells these speeds."""
         by_axis = dict(zip(self._axes, speeds, strict=True))
-        return self._drive.setpoints(by_axis, self._terms.acceleration, afresh=not self.told.sure)
+        return self._drive.setpoints(by_axis, self._terms.acceleration, afresh=afresh)
 
     def _renew(self, speeds: Speeds) -> None:
-        """Have the frame that waits say the newest speeds, if it is the first one of them."""
-        assert self._job is not None
-        if self._job.request is not self._frames[0] or self._job.attempts:
+        """Have the frames that were not sent yet say the newest speeds, where that takes no more of them."""
+        job = self._job
+        assert job is not None
+        if job.attempts or speeds == self._next:
             return
-        frames = self._setpoints(speeds)
-        if self._job.replace(frames[0]):
-            self._take(frames, speeds)
+        frames = self._frames(speeds, afresh=not self.told.sure and not self._has_begun)
+        if (len(frames) <= 1 + len(self._rest) or not self._has_begun) and job.replace(frames[0]):
+            self._take(frames[1:], speeds)
 
     def _tell(self, speeds: Speeds, now: float) -> None:
-        frames = self._setpoints(speeds)
-        if list(frames) == list(self._frames) and self.told.sure:
+        told = self.told
+        if told.sure and self._frames(speeds) == self._frames(told.speeds):
             # The drive cannot be told so small a step.
-            self.told.speeds, self.told.at, self._is_new = speeds, now, False
+            told.speeds, told.at, self._is_new = speeds, now, False
             self._wake_at(now + STEP)
             return
-        self._take(frames, speeds)
-        self._submit(frames[0])
+        self._is_unmistakable, self._has_begun = True, False
+        self._take(self._frames(speeds, afresh=not told.sure), speeds)
+        self._submit(self._turns.urgency(self._bus))
+
+    def _tell_rest(self) -> None:
+        """The first of some frames was answered: send the next one, with the newest speeds where it is for that."""
+        now = self._bus.now()
+        speeds = self._step(self._target(now), now)
+        frames = self._frames(speeds)
+        if len(frames) <= len(self._rest):
+            self._take(frames, speeds)
+        self._submit(Urgency.CONFIRM)
 
     def _take(self, frames: Sequence[Request], speeds: Speeds) -> None:
         """These are to be sent."""
-        self._frames, self._rest, self._next = frames, deque(frames[1:]), speeds
-        self._next_at = self._wanted_at if self._is_new else NEVER
+        self._rest, self._next = deque(frames), speeds
+        self._next_at, self._carried_at = self._wanted_at if self._is_new else NEVER, NEVER
 
-    def _submit(self, request: Request) -> None:
-        self._is_unmistakable = not self._unit.late.must_wait(request)
+    def _submit(self, urgency: Urgency) -> None:
+        request = self._rest.popleft()
+        self._is_unmistakable = self._is_unmistakable and not self._unit.late.must_wait(request)
         self._job = Job(
             request,
-            urgency=self._turns.urgency(self._bus),
+            urgency=urgency,
             retries=0,
+            setpoint=self._missed < _MISSED,
+            goes_on=self._has_begun,
             moves=True,
             motion=self._motion,
             ignores_late_replies=True,
@@ -296,31 +321,40 @@ class Streamer:
         if self._over:
             return
         if job.attempts:
-            self._turns.last = job
-            if job.request is self._frames[0]:
+            self._turns.last, self._has_begun = job, True
+            self._carried_at = job.sent_at if self._carried_at == NEVER else self._carried_at
+            if job.outcome in _SILENCE:
+                self._missed += 1
+            elif job.answered_since == job.sent_at and not self._is_slow(job):
+                self._missed = 0
+            if not self._rest:
                 self._was_sent(job.sent_at)
         now, refused = self._bus.now(), job.outcome is Outcome.REFUSED
         # One that refuses to stop in its own way says that it stands.
-        stood = refused and job.code is None and job.request.adu == self._setpoints(self._zero)[0].adu
+        stood = refused and job.code is None and job.request.adu == self._frames(self._zero)[0].adu
         if refused and not stood:
             self.close()
             self.refused = str(failure(job, self._bus.flight, self._drive.family))
             self._drive.state.tell()  # it is found out why
         elif job.outcome is Outcome.NOT_SENT and job.reason in _NO_MORE:
             self.close()  # who has ended it tells
+        elif not job.attempts:
+            self.hold(_AGAIN)
         elif job.outcome is Outcome.REPLY and self._rest:
-            self._submit(self._rest.popleft())
+            self._tell_rest()
         else:
             answered = job.outcome is Outcome.REPLY or stood
             self.told.sure = answered and self._is_unmistakable
-            if (answered and not self.told.sure) or not job.attempts:
-                self.hold(_AGAIN)
-            else:
-                self._not_before = now
-                self._go_on()
+            self._again_at = now + _AGAIN if answered else NEVER
+            self._go_on()
+
+    def _is_slow(self, job: Job) -> bool:
+        """Whether an answer took longer than the drive is known to take."""
+        air = self._bus.owner.pair.line.airtime(len(job.request.adu) + len(job.reply))
+        return job.ended_at - job.sent_at - air > self._unit.reply_times.wait(job, _FOREVER)
 
     def _was_sent(self, at: float) -> None:
-        """The first frame that tells speeds went out."""
+        """The frame went out with which speeds count."""
         told = self.told
         for axis, (before, after) in enumerate(zip(told.speeds, self._next, strict=True)):
             if before * after <= 0:
@@ -329,7 +363,7 @@ class Streamer:
         for state in self._states:
             state.ramp_takes = self._terms.takes(self._next)
         if self._next_at != NEVER:
-            told.delay = at - self._next_at
+            told.delay = self._carried_at - self._next_at
             told.count += 1
             self._is_new = self._wanted_at > self._next_at
 

@@ -50,6 +50,11 @@ class Motor:
         return leg.speed != 0 or leg.rate != 0
 
     @property
+    def wanted_rpm(self) -> float:
+        """The speed at the end of what it was told."""
+        return _MINUTE * self._legs[-1].speed
+
+    @property
     def arrives_at(self) -> float:
         """When the last change of what it was told ends."""
         return self._legs[-1].at

@@ -98,6 +98,9 @@ class Job:
         tolerant: its reply is no evidence of anything, so that it need not wait for late replies.
         internal: the bus' own; neither flushed nor refused because of the state of the device or the bus.
         retries: how often it may be repeated; None for what the bus is set to.
+        setpoint: it is of a stream: something newer will be said. Its answer is waited for no longer than the device
+            usually takes, though it is not repeated, and no queue is too full for it.
+        goes_on: it goes on with what was begun, before others of its urgency to its device.
         backs_off: it is repeated less and less often: the device may be busy, and nobody waits for the answer itself.
         slot: its place among frames that go out as one, whatever its urgency; None for a frame of its own.
         verify: how to see whether it was carried out, where it may be sent again once that shows that it was not.
@@ -117,6 +120,7 @@ class Job:
         "expects_reply",
         "expires_at",
         "feeds",
+        "goes_on",
         "heard",
         "ignores_late_replies",
         "internal",
@@ -138,6 +142,7 @@ class Job:
         "request",
         "retries",
         "sent_at",
+        "setpoint",
         "slot",
         "timer",
         "unanswered",
@@ -159,6 +164,8 @@ class Job:
         ignores_late_replies: bool = False,
         internal: bool = False,
         retries: int | None = None,
+        setpoint: bool = False,
+        goes_on: bool = False,
         backs_off: bool = False,
         slot: BurstSlot | None = None,
         verify: Verification | None = None,
@@ -183,6 +190,8 @@ class Job:
         self.ignores_late_replies = ignores_late_replies
         self.internal = internal
         self.retries = retries
+        self.setpoint = setpoint
+        self.goes_on = goes_on
         self.backs_off = backs_off
         self.slot = slot
         self.verify = verify

@@ -288,14 +288,26 @@ class TlrDrive(Drive):
             return (control(self.address, self._word if self._word & _STOPS else ControlWord.STOP),)
         full = self._ability.ramp_rpm or abs(speed)
         time = min(r.MAX_RAMP_MS, math.ceil(full * 1000 / acceleration))
-        jog = write(self.address, r.JOG.address, words(r.JOG.encode(speed, time, time)))
-        trigger = control(self.address, ControlWord.JOG)
-        if not self._word & JOGGING or afresh or not self.live_jog:
-            # Whether a jog under way takes another speed is not said: it is told to jog once more.
-            return (
-                (jog, control(self.address, ControlWord.NONE), trigger) if self.writer.clear_trigger else (jog, trigger)
-            )
-        return (jog,)
+        goes_on = self.live_jog and not afresh and bool(self._word & JOGGING)
+        frames = [] if goes_on else self._prepared(afresh)
+        frames += self._jogging(words(r.JOG.encode(speed, time, time)), afresh)
+        return frames if goes_on else [*frames, control(self.address, ControlWord.JOG)]
+
+    def _prepared(self, afresh: bool) -> list[Request]:
+        """What has the bit of a trigger rise; nothing where it was cleared.
+
+        Whether a jog under way takes another speed is not said: it is told to jog once more.
+        """
+        is_clear = not afresh and self._word is ControlWord.NONE
+        return [] if is_clear or not self.writer.clear_trigger else [control(self.address, ControlWord.NONE)]
+
+    def _jogging(self, values: Sequence[int], afresh: bool) -> list[Request]:
+        """What tells speed and ramps of jogs, the speed last where that takes several frames."""
+        first = r.JOG.address
+        new = [at for at, value in enumerate(values) if afresh or self._sent.get(first + at) != value]
+        if self.writer.block_writes and any(new):
+            return [write(self.address, first, values)]
+        return [write(self.address, first + at, values[at : at + 1]) for at in sorted({0, *new}, reverse=True)]
 
     @property
     def is_jogging(self) -> bool:

@@ -15,7 +15,7 @@ import math
 import sys
 from collections.abc import AsyncIterator, Iterator
 
-from rs485bus import MksServo, open_bus
+from rs485bus import BusConfig, MksServo, open_bus
 from rs485bus.sim import SimMks, VirtualLine
 
 SPEEDS = {"w": 120.0, "W": 600.0, "s": -120.0, "S": -600.0}
@@ -65,7 +65,7 @@ async def by_itself() -> AsyncIterator[float]:
 
 async def main(port: str | VirtualLine, baudrate: int, address: int, plot: str | None) -> None:
     speeds: list[tuple[float, float, float, float]] = []
-    async with open_bus(port, baudrate=baudrate) as bus:
+    async with open_bus(port, baudrate=baudrate, config=BusConfig(supervision=0.1)) as bus:
         x = MksServo(bus, address)
         await x.enable()
         asked = by_keys() if sys.stdin.isatty() else by_itself()

@@ -24,6 +24,11 @@ class RemoteClock:
         """The service was started again, with another clock."""
         self._bounds.clear()
 
+    @property
+    def known(self) -> bool:
+        """Whether anything was learnt."""
+        return bool(self._bounds)
+
     def learn(self, service_time: float, sent_at: float | None, received_at: float) -> None:
         """An answer said what time it was there. `sent_at` is None where it may have been made for somebody else."""
         most = math.inf if sent_at is None else service_time - sent_at

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable
+from functools import partial
 
 from rs485bus.errors import BusError, NotInControl
 from rs485bus.remote.session import Session, new_id
@@ -61,8 +62,8 @@ class Control:
         """Give control back: what still moves is stopped, and seen to stand."""
         self._stop_keeping()
         number, self.number, self._axes = self.number, None, frozenset()
-        if number is not None:
-            session = self._session
+        session = self._session
+        if number is not None and session.served:
             await session.ask(PLANT, "release_control", {}, f"release of {session.topics.plant}", lease=number).wait()
 
     def close(self) -> None:
@@ -93,10 +94,10 @@ class Control:
                 self._lose("the service did not answer.")
                 return
             request = new_id()
-            presence = Presence(id=request, client=session.client, lease=number, sent=session.now())
+            make = partial(self._presence, request, number)
             try:
                 async with asyncio.timeout(self._seconds / 2):
-                    await session.say(session.topics.presence(session.client), request, presence, "presence").wait()
+                    await session.say(session.topics.presence(session.client), request, make, "presence").wait()
                 answered = loop.time()
             except NotInControl as error:
                 if self.number == number:
@@ -105,6 +106,9 @@ class Control:
             except (BusError, TimeoutError):
                 session.requests.drop(request)
             await asyncio.sleep(self._seconds / 4)
+
+    def _presence(self, request: str, number: int) -> Presence:
+        return Presence(id=request, client=self._session.client, lease=number, sent=self._session.now())
 
     def _lose(self, why: str) -> None:
         self.number, self._axes, self.lost, self._keeping = None, frozenset(), why, None

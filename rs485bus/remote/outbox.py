@@ -87,7 +87,7 @@ class Outbox:
         handle: Handle[Any] = Handle(what, self._unseen.append)
         for axis in axes:
             self._stops[axis] = handle
-        return session.say(topic, request, said, what, once=True, handle=handle)
+        return session.say(topic, request, lambda: said, what, once=True, handle=handle, timeless=True)
 
     def failures(self) -> list[Exception]:
         """What failed and was seen by nobody."""

@@ -7,7 +7,7 @@ import os
 import re
 import secrets
 import socket
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from types import TracebackType
 from typing import Any, Literal
 
@@ -235,6 +235,9 @@ class Connecting:
         session = Session(self._broker, self._topics, self._client, self._patience)
         await session.open()
         return RemotePlant(session, self._lease, self._life)
+
+    def __await__(self) -> Generator[Any, None, RemotePlant]:
+        return self.open().__await__()
 
     async def __aenter__(self) -> RemotePlant:
         self._plant = await self.open()

@@ -23,13 +23,19 @@ class Pending:
     id: str
     what: str
     topic: str
-    payload: bytes
+    make: Callable[[], bytes]
+    """Makes the message, once it can be said what time it is for the service."""
     once: bool
     """It is a verb; others are questions."""
     life: float
     """Seconds until it expires."""
     ended: Ended
     told: Callable[[Answer], None] = lambda _: None
+    asked: float = float("inf")
+    """When it was asked for."""
+    timeless: bool = False
+    """It says no time: the service is asked for its own."""
+    payload: bytes = b""
     first_sent: float | None = None
     last_sent: float = float("-inf")
     heard: float | None = None
@@ -88,8 +94,8 @@ class PendingRequests:
         heard for too long are ended."""
         due = []
         for request in list(self._pending.values()):
-            since = request.heard if request.heard is not None else request.first_sent
-            if since is not None and now - since > self.patience:
+            since = next(at for at in (request.heard, request.first_sent, request.asked) if at is not None)
+            if now - since > self.patience:
                 del self._pending[request.id]
                 request.ended(None, _nothing_heard(request, now - since))
             elif anew or now - request.last_sent >= (AGAIN if request.heard is None else AGAIN_BEGUN):
@@ -104,6 +110,8 @@ class PendingRequests:
 
 
 def _nothing_heard(request: Pending, seconds: float) -> Exception:
+    if request.first_sent is None:
+        return NotSent(f"{request.what}: there was no connection for {seconds:.1f} s. Nothing was done.")
     said = f"{request.what}: nothing was heard of it for {seconds:.1f} s"
     if not request.once:
         return NoReply(f"{said}. Does the service run, and may it answer?")

@@ -17,7 +17,7 @@ from rs485bus.errors import BrokerError, RequestMalformed
 from rs485bus.remote.clock import RemoteClock
 from rs485bus.remote.handles import RemoteMove
 from rs485bus.remote.requests import Pending, PendingRequests
-from rs485bus.service.broker import NO_RETAINED, WITH_RETAINED, Broker, Client, asking, last_will
+from rs485bus.service.broker import NO_RETAINED, WITH_RETAINED, Broker, Client, asking, last_will, payload_of
 from rs485bus.service.decisions import Asker
 from rs485bus.service.schema import (
     Answer,
@@ -36,6 +36,9 @@ from rs485bus.service.topics import PLANT, Topics
 _log = logging.getLogger("rs485bus.remote")
 
 _PAUSES = (0.05, 0.1, 0.2, 0.5, 1.0)
+_BRIEF = 2.0
+_BRIEF_IN_A_ROW = 5
+"""Connections that are lost within `_BRIEF` seconds, one after another, after which it does not come back."""
 _LONGEST = 50.0
 """Seconds for which a question may be answered, at most."""
 _LOOK = 0.25
@@ -76,10 +79,19 @@ class Session:
         self._found = asyncio.Event()
         self._trouble: Exception | None = None
         self._task: asyncio.Task[None] | None = None
+        self._repeating: asyncio.Task[None] | None = None
+        self._connected_at = float("-inf")
+        self._over: BrokerError | None = None
+        """Why it does not come back."""
 
     def now(self) -> float:
         """The service's clock, at the earliest."""
         return self.clock.now(self._loop.time())
+
+    @property
+    def served(self) -> bool:
+        """Whether the plant is served, as far as is known. Where it is not, nobody commands it."""
+        return self.plant is not None and self.plant.status == "online"
 
     async def open(self) -> None:
         """Connect, and find the plant.
@@ -90,6 +102,7 @@ class Session:
         """
         first: asyncio.Future[None] = self._loop.create_future()
         self._task = asyncio.create_task(self._keep(first), name=f"rs485bus remote {self.client}")
+        self._repeating = asyncio.create_task(self._repeat_forever(), name=f"rs485bus remote {self.client} again")
         try:
             await first
             await self._find()
@@ -102,6 +115,8 @@ class Session:
     async def close(self) -> None:
         """Close the connection. What is not answered by then is unknown."""
         task, self._task = self._task, None
+        if self._repeating is not None:
+            self._repeating.cancel()
         if task is not None:
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError, BrokerError):
@@ -129,30 +144,32 @@ class Session:
         A question may be answered as long as somebody waits; a verb says within how many seconds it must be begun.
         """
         life = min(self.requests.patience, _LONGEST) if life is None else life
-        said = Request(
-            id=request or new_id(),
-            client=self.client,
-            lease=lease,
-            sent=self.now(),
-            expires=self.now() + life,
-            at=at,
-            args=arguments,
-        )
+        request = request or new_id()
+        asked = self._loop.time()
+
+        def make() -> Request:
+            sent = self.clock.now(asked)
+            return Request(
+                id=request, client=self.client, lease=lease, sent=sent, expires=sent + life, at=at, args=arguments
+            )
+
+        timeless = (name, verb) == (PLANT, "time")
         topic = self.topics.request(name, verb)
-        return self.say(topic, said.id, said, what, once=once, life=life, handle=handle)
+        return self.say(topic, request, make, what, once=once, life=life, handle=handle, timeless=timeless)
 
     def say(
         self,
         topic: str,
         request: str,
-        message: Message,
+        make: Callable[[], Message],
         what: str,
         *,
         once: bool = False,
         life: float = 2.0,
         handle: Handle[Any] | None = None,
+        timeless: bool = False,
     ) -> Handle[Any]:
-        """Send a message that is answered."""
+        """Send a message that is answered. Unless it is `timeless`, it waits until the service's time is known."""
         waiting: Handle[Any] = handle or Handle(what)
 
         def ended(answer: Answer | None, error: Exception | None) -> None:
@@ -161,9 +178,13 @@ class Session:
             else:
                 waiting.finish(None if answer is None else answer.value)
 
-        pending = Pending(request, what, topic, write(message), once, life, ended)
+        pending = Pending(request, what, topic, lambda: write(make()), once, life, ended, asked=self._loop.time())
+        pending.timeless = timeless
         if isinstance(waiting, RemoteMove):
             pending.told = waiting.told
+        if self._over is not None:
+            ended(None, self._over)
+            return waiting
         self.requests.add(pending)
         self._send(pending)
         return waiting
@@ -175,8 +196,9 @@ class Session:
 
     def _send(self, pending: Pending) -> None:
         client = self._mqtt
-        if client is None:
+        if client is None or not (pending.timeless or self.clock.known):
             return
+        pending.payload = pending.payload or pending.make()
         asker = Asker(self.topics.reply(self.client), pending.id.encode())
 
         def taken(future: asyncio.Future[ReasonCode]) -> None:
@@ -191,13 +213,18 @@ class Session:
     # The connection
 
     async def _keep(self, first: asyncio.Future[None]) -> None:
-        attempt, told = 0, ""
+        attempt, told, brief = 0, "", 0
         while True:
+            self._connected_at = float("-inf")
             try:
                 await self._connect(first)
             except BrokerError as error:
                 if not first.done():
                     first.set_exception(error)
+                    return
+                brief = brief + 1 if self._loop.time() - self._connected_at < _BRIEF else 0
+                if brief == _BRIEF_IN_A_ROW:
+                    self._end(error)
                     return
                 attempt = 0 if self.connected.is_set() else min(attempt + 1, len(_PAUSES) - 1)
                 if str(error) != told:
@@ -211,6 +238,15 @@ class Session:
                         callback()
             await asyncio.sleep(_PAUSES[attempt])
 
+    def _end(self, error: BrokerError) -> None:
+        """Do not come back: it would go on like that, and two clients of one name would cut each other off for ever."""
+        self._over = BrokerError(
+            f"{error} That was {_BRIEF_IN_A_ROW} times within {_BRIEF:g} s after it was made: is another client called "
+            f"{self.client}, too? Give each a name of its own, and connect anew."
+        )
+        _log.error("%s", self._over)
+        self.requests.give_up(str(self._over))
+
     async def _connect(self, first: asyncio.Future[None]) -> None:
         topics = self.topics
         will = last_will(topics.gone(self.client), write(Gone(client=self.client)))
@@ -220,16 +256,13 @@ class Session:
             await client.subscribe([*own, *((topic, WITH_RETAINED) for topic in told)])
             await client.subscribe(topics.axis("+", "sample"), options=NO_RETAINED)
             self._mqtt = client
+            self._connected_at = self._loop.time()
             self.connected.set()
             if not first.done():
                 first.set_result(None)
             self._repeat(anew=True)
-            repeating = asyncio.create_task(self._repeat_forever())
-            try:
-                async for message in client.messages:
-                    self._hear(message)
-            finally:
-                repeating.cancel()
+            async for message in client.messages:
+                self._hear(message)
 
     async def _repeat_forever(self) -> None:
         while True:
@@ -269,7 +302,7 @@ class Session:
                 async with asyncio.timeout(0.3):
                     async for message in client.messages:
                         with contextlib.suppress(RequestMalformed):
-                            told = read(Description, _bytes(message))
+                            told = read(Description, payload_of(message))
                             if told.status == "online":
                                 names.add(told.plant)
         return sorted(names)
@@ -278,13 +311,15 @@ class Session:
 
     def _hear(self, message: aiomqtt.Message) -> None:
         try:
-            self._take(self.topics.parts(message.topic.value), _bytes(message))
+            self._take(self.topics.parts(message.topic.value), payload_of(message))
         except RequestMalformed as error:
             if self._trouble is None:
                 self._trouble = error
                 _log.error("%s: %s", message.topic, error)
             if not self._found.is_set() and message.topic.value == self.topics.service:
                 self._found.set()
+        except Exception:  # of who is told of reports and events, say: the connection outlives it
+            _log.exception("a message at %s could not be dealt with", message.topic)
 
     def _take(self, parts: list[str], payload: bytes) -> None:
         match parts:
@@ -309,7 +344,10 @@ class Session:
         pending = self.requests.get(answer.id)
         if pending is not None:
             # What became of a verb may have been stored before the service was started again.
+            waited = not self.clock.known
             self.clock.learn(answer.now, None if pending.once else pending.first_sent, now)
+            if waited:
+                self._repeat()
         self.requests.answered(answer, now)
 
     def _described(self, told: Description) -> None:
@@ -318,6 +356,7 @@ class Session:
         if told.status == "online":
             if former is not None and former.session != told.session:
                 self.clock.reset()
+                self.ask(PLANT, "time", {}, f"the time of {self.topics.plant}").seen = True
             self._found.set()
             self._repeat(anew=True)  # what was said while it was not there has reached nobody
         elif former is None:
@@ -327,7 +366,3 @@ class Session:
 def new_id() -> str:
     """The id of a request: no other one has it."""
     return secrets.token_hex(12)
-
-
-def _bytes(message: aiomqtt.Message) -> bytes:
-    return message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()

@@ -83,6 +83,12 @@ class Client(aiomqtt.Client):
             "the guide has an example."
         )
 
+    @property
+    def lost(self) -> BaseException | None:
+        """Why the connection was lost; None while it was not. (Looked at: else asyncio calls it forgotten.)"""
+        over = self._disconnected
+        return over.exception() if over.done() and not over.cancelled() else None
+
     def abandon(self) -> None:
         """Close the socket of a connection that has come to nothing. aiomqtt leaves it open."""
         self._client._sock_close()
@@ -206,7 +212,7 @@ class Broker:
         try:
             yield client
         except aiomqtt.MqttError as error:
-            raise BrokerError(f"The connection to the broker {self} was lost: {error}.") from None
+            raise BrokerError(f"The connection to the broker {self} was lost: {client.lost or error}.") from None
         finally:
             client.timeout = _FAREWELL
             with contextlib.suppress(aiomqtt.MqttError):  # it is lost
@@ -257,6 +263,11 @@ def asker_of(message: aiomqtt.Message) -> Asker | None:
     """Who wants an answer to a message."""
     topic = getattr(message.properties, "ResponseTopic", None)
     return Asker(topic, getattr(message.properties, "CorrelationData", b"")) if topic else None
+
+
+def payload_of(message: aiomqtt.Message) -> bytes:
+    """What a message says."""
+    return message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
 
 
 def answering(asker: Asker) -> Properties:

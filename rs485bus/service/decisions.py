@@ -124,8 +124,9 @@ class Halt:
     why: str
     emergency: bool = False
     id: str = ""
-    """The request that is answered when they stand."""
-    askers: list[Asker] = field(default_factory=list)
+    """The request, if it was one."""
+    askers: list[tuple[str, Asker]] = field(default_factory=list)
+    """The requests that are answered when they stand, and who waits for that."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ What became of them is told to the desk in turn. Times are the service's clock.
 
 from __future__ import annotations
 
-import contextlib
 import heapq
 import itertools
 from collections.abc import Callable, Iterable, Mapping
@@ -31,10 +30,10 @@ from rs485bus.service.decisions import (
     Stage,
     Tell,
 )
-from rs485bus.service.intake import Intake, check_age, refuse_retained, used_before
+from rs485bus.service.intake import Intake, check_age, check_topic, refuse_retained, used_before
 from rs485bus.service.leases import Lease, LeaseBook
 from rs485bus.service.refusals import Refusal, Refusals
-from rs485bus.service.schema import Answer, AxisEvent, Gone, Presence, SetPoint, Stop, read, told_id
+from rs485bus.service.schema import Answer, AxisEvent, Presence, SetPoint, read, told_id
 from rs485bus.service.stops import StopBook
 from rs485bus.service.streams import StreamBook
 from rs485bus.service.topics import Topics
@@ -64,10 +63,10 @@ class Desk:
         self.leases = leases or LeaseBook()
         self.streams = StreamBook()
         self._orders: dict[str, Order] = {}
+        self.stops = StopBook()
         self._refusals = Refusals()
         self._due: list[tuple[float, int, Order]] = []
         self._number = itertools.count()
-        self.stops = StopBook()
 
     @property
     def wake(self) -> float:
@@ -89,7 +88,7 @@ class Desk:
         try:
             order, verb = self._intake.order(topic, payload, asker, now, retained=retained)
         except RequestMalformed as error:
-            return self._refuse(told_id(payload), [] if asker is None else [asker], error, now, topic)
+            return self._refuse(told_id(payload), asker, error, now, topic)
         same = self._known(order, now)
         if same is not None:
             return same
@@ -110,7 +109,10 @@ class Desk:
         if former is not None:
             del self._orders[order.id]
             if former.digest != order.digest:
-                return self._refuse(order.id, order.askers, used_before(order), now, order.name)
+                error = used_before(order)
+                return [
+                    said for asker in order.askers for said in self._refuse(order.id, asker, error, now, order.name)
+                ]
             return [Say(asker, former.answer) for asker in order.askers]
         kept = order.problem is None
         if kept:
@@ -155,67 +157,63 @@ class Desk:
 
     def stop(self, payload: bytes, asker: Asker | None, now: float, *, emergency: bool = False) -> list[Decision]:
         """Somebody wants axes to be stopped. What cannot be understood stops all."""
-        try:
-            axes = self._intake.named(read(Stop, payload).axes or self._axes)
-        except RequestMalformed:
-            axes = self._intake.named(self._axes)
-        what = "An emergency stop was asked for." if emergency else "A stop was asked for."
-        askers = [asker] if asker is not None and self._intake.may_answer(asker) else []
-        halt = Halt(axes, what, emergency, told_id(payload), askers)
+        halt = self._intake.halt(payload, asker, emergency=emergency)
+        decisions: list[Decision] = []
         earlier = self.stops.same(halt)
         if earlier is None:
-            return self._halt(halt, now)
-        earlier.askers.extend(asker for asker in askers if asker not in earlier.askers)
-        return []
+            earlier = self.stops.covering(halt)
+            if earlier is None:
+                return self._halt(halt, now)
+            self.stops.said(halt, now)
+            decisions = self._close(halt, now)
+        earlier.askers.extend(asked for asked in halt.askers if asked not in earlier.askers)
+        return decisions
 
     def halted(self, halt: Halt, error: Exception | None, now: float) -> list[Decision]:
         """Axes were seen to stand after a stop; or not, and why."""
         standing = error is None
         self.stops.ended(halt, standing=standing)
-        answer = Answer(id=halt.id, outcome="done", value=sorted(halt.axes), now=now)
+        answer = Answer(id="", outcome="done", value=sorted(halt.axes), now=now)
         if error is not None:
-            answer = Answer(id=halt.id, outcome="failed", error=trouble(error), now=now)
+            answer = Answer(id="", outcome="failed", error=trouble(error), now=now)
         return [
             *([self._hold()] if standing else []),
             *(_tell(axis, "stopped" if standing else "not standing", halt.why, now) for axis in sorted(halt.axes)),
-            *(Say(asker, answer) for asker in halt.askers),
+            *(Say(asker, answer.model_copy(update={"id": request})) for request, asker in halt.askers),
         ]
 
     # Control
 
-    def presence(self, payload: bytes, asker: Asker | None, now: float, *, retained: bool) -> list[Decision]:
-        """Who holds a lease says that it is there."""
-        return [*self.tick(now), *self._presence(payload, asker, now, retained)]
-
-    def _presence(self, payload: bytes, asker: Asker | None, now: float, retained: bool) -> list[Decision]:
+    def presence(
+        self, payload: bytes, client: str, asker: Asker | None, now: float, *, retained: bool
+    ) -> list[Decision]:
+        """Who holds a lease says that it is there. `client` is what the topic names: an access list guards that."""
+        decisions = self.tick(now)
         try:
             refuse_retained(retained)
             said = read(Presence, payload)
+            check_topic(client, said.client)
             self._intake.check_asker(asker, said.client)
         except RequestMalformed as error:
-            return self._refuse(told_id(payload), [] if asker is None else [asker], error, now, "presence")
-        lease = self.leases.get(said.lease, said.client)
+            return [*decisions, *self._refuse(told_id(payload), asker, error, now, "presence")]
+        lease = self.leases.get(said.lease, client)
         if lease is None:
-            over = NotInControl(f"The lease of {said.client} has ended, and its axes were stopped. Take control again.")
-            return self._refuse(said.id, [] if asker is None else [asker], over, now, "presence")
+            over = NotInControl(f"The lease of {client} has ended, and its axes were stopped. Take control again.")
+            return [*decisions, *self._refuse(said.id, asker, over, now, "presence")]
         lease.seen(said.sent, now)
-        if asker is None:
-            return []
-        return [Say(asker, Answer(id=said.id, outcome="done", value=lease.told(), now=now))]
+        if asker is not None:
+            decisions.append(self._say_holding(said.id, asker, lease, now))
+        return decisions
 
-    def gone(self, payload: bytes, client: str, now: float) -> list[Decision]:
-        """The last will of a client: its connection broke."""
-        with contextlib.suppress(RequestMalformed):  # the topic names it, too
-            client = read(Gone, payload).client
+    def gone(self, client: str, now: float) -> list[Decision]:
+        """The last will of a client: its connection broke. `client` is what the topic names."""
         lease = self.leases.of(client)
         return [] if lease is None else self._lapse(lease, f"Control of {client} ended: its connection broke.", now)
 
-    def cut_off(self, now: float) -> list[Decision]:
-        """The service has lost the broker: nobody can be heard."""
+    def cut_off(self, why: str, now: float) -> list[Decision]:
+        """Nobody can be heard any more."""
         return [
-            decision
-            for lease in list(self.leases)
-            for decision in self._lapse(lease, "Control ended: the service has lost the broker.", now)
+            decision for lease in list(self.leases) for decision in self._lapse(lease, f"Control ended: {why}.", now)
         ]
 
     def tick(self, now: float) -> list[Decision]:
@@ -236,8 +234,6 @@ class Desk:
                     decisions += self._begin(order)
         return decisions
 
-    # Set-points
-
     def setpoint(self, name: str, payload: bytes, now: float, *, retained: bool) -> list[Decision]:
         """A set-point came in. Those that are refused are counted, not answered; what is malformed is told."""
         return [*self.tick(now), *self._setpoint(name, payload, now, retained)]
@@ -247,7 +243,7 @@ class Desk:
             refuse_retained(retained)
             said = read(SetPoint, payload)
         except RequestMalformed as error:
-            return self._refuse("", [], error, now, f"setpoint/{name}")
+            return self._refuse("", None, error, now, f"setpoint/{name}")
         lease = self.leases.get(said.lease, said.client)
         axes = self._axes.get(name, frozenset())
         held = lease is not None and bool(axes) and axes <= lease.axes
@@ -265,7 +261,7 @@ class Desk:
         earlier, refusal = self._orders.get(order.id), self._refusals.get(order.id, now)
         former = earlier or refusal
         if former is not None and former.digest != order.digest:
-            return self._refuse(order.id, order.askers, used_before(order), now, order.name)
+            return self._refuse(order.id, order.askers[0], used_before(order), now, order.name)
         if earlier is not None:
             if asker not in earlier.askers:
                 earlier.askers.append(asker)
@@ -283,6 +279,7 @@ class Desk:
 
     def _begin(self, order: Order) -> list[Decision]:
         order.stage = Stage.BEGUN
+        self.stops.moved(order.axes)
         if order.verb == "stream":
             assert isinstance(order.arguments, verbs.Stream)
             self.streams.open(order.id, order.name, order.arguments.timeout)
@@ -296,7 +293,7 @@ class Desk:
             if isinstance(order.arguments, TakeControl):
                 return self._take(order, order.arguments, now)
         except BusError as error:
-            return self._refuse(order.id, order.askers, error, now, order.name)
+            return self._refuse(order.id, order.askers[0], error, now, order.name)
         if isinstance(order.arguments, verbs.Cancel):
             return self._cancel(order, order.arguments.request, now)
         return self._release(order, now) if order.verb == "release_control" else [Ask(order)]
@@ -320,7 +317,7 @@ class Desk:
         self.leases.check_free(order.client, axes)
         mine = self.leases.of(order.client)
         if mine is not None and order.id in mine.asked:
-            return [self._say_holding(order, mine, now)]
+            return [self._say_holding(order.id, order.askers[0], mine, now)]
         ended: list[Decision] = []
         if mine is not None and mine.number != order.lease:
             ended = self._lapse(mine, f"Control of {order.client} ended: it takes control anew.", now)
@@ -330,10 +327,11 @@ class Desk:
         lease.asked.add(order.id)
         lease.seen(order.sent, now)
         told = [_tell(axis, "control taken", f"{order.client} commands it.", now) for axis in sorted(new)]
-        return [*ended, self._hold(), *told, self._say_holding(order, lease, now)]
+        return [*ended, self._hold(), *told, self._say_holding(order.id, order.askers[0], lease, now)]
 
-    def _say_holding(self, order: Order, lease: Lease, now: float) -> Say:
-        return Say(order.askers[0], Answer(id=order.id, outcome="done", value=lease.told(), now=now))
+    @staticmethod
+    def _say_holding(request: str, asker: Asker, lease: Lease, now: float) -> Say:
+        return Say(asker, Answer(id=request, outcome="done", value=lease.told(), now=now))
 
     def _release(self, order: Order, now: float) -> list[Decision]:
         lease = self.leases.get(order.lease, order.client)
@@ -349,12 +347,16 @@ class Desk:
         axes = frozenset(lease.axes)
         self.stops.unsettled |= axes
         told = [_tell(axis, "control ended", why, now) for axis in sorted(axes)]
-        return [*told, *self._halt(Halt(axes, why, id=request, askers=list(askers)), now)]
+        return [*told, *self._halt(Halt(axes, why, id=request, askers=[(request, asker) for asker in askers]), now)]
 
     def _halt(self, halt: Halt, now: float) -> list[Decision]:
         """Axes are stopped: nothing older is begun after that."""
-        decisions: list[Decision] = [halt]
         self.stops.begun(halt, now)
+        return [halt, *self._close(halt, now)]
+
+    def _close(self, halt: Halt, now: float) -> list[Decision]:
+        """What is under way on axes that are stopped ends, and what waits is not begun."""
+        decisions: list[Decision] = []
         for order in list(self._orders.values()):
             if not order.axes & halt.axes:
                 continue
@@ -383,12 +385,11 @@ class Desk:
             self._refusals.add(order.id, Refusal(order.digest, answer), order.expires)
         return [Say(asker, answer) for asker in order.askers]
 
-    def _refuse(
-        self, request: str, askers: Iterable[Asker], error: Exception, now: float, topic: str
-    ) -> list[Decision]:
+    def _refuse(self, request: str, asker: Asker | None, error: Exception, now: float, topic: str) -> list[Decision]:
         answer = Answer(id=request, outcome=ending(error, begun=False), error=trouble(error), now=now)
-        known = [asker for asker in askers if self._intake.may_answer(asker)]
-        return [Say(asker, answer) for asker in known] or [Refused(topic, answer)]
+        if asker is not None and self._intake.may_answer(asker):
+            return [Say(asker, answer)]
+        return [Refused(topic, answer)]
 
     def _hold(self) -> Hold:
         return Hold(self.stops.unsettled.union(*(lease.axes for lease in self.leases)))

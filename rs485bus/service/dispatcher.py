@@ -71,6 +71,8 @@ class Dispatcher:
         self.reporter = Reporter(machine.plant, self._desk, clock, topics, publish, rate)
         self._performances: dict[str, Performance] = {}
         """What is being carried out, by request."""
+        self._questions: dict[tuple[str, str], list[Order]] = {}
+        """The questions of which one is being asked, and those that wait for its end."""
         self._alarm: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
 
@@ -86,16 +88,23 @@ class Dispatcher:
 
     def hear(self, parts: list[str], payload: bytes, asker: Asker | None, *, retained: bool) -> None:
         """A message came in. `parts` are the levels of its topic."""
-        now = self._clock.now()
+        try:
+            self._hear(parts, payload, asker, self._clock.now(), retained)
+        except Exception:  # no message ends who serves
+            _log.exception("a message to %s could not be dealt with", "/".join(parts))
+            if parts in (["stop"], ["emergency_stop"]):
+                self._carry_out(self._desk.stop(b"", None, self._clock.now(), emergency=parts == ["emergency_stop"]))
+
+    def _hear(self, parts: list[str], payload: bytes, asker: Asker | None, now: float, retained: bool) -> None:
         match parts:
             case ["stop"]:
                 decisions = self._desk.stop(payload, asker, now)
             case ["emergency_stop"]:
                 decisions = self._desk.stop(payload, asker, now, emergency=True)
             case ["gone", client]:
-                decisions = self._desk.gone(payload, client, now)
-            case ["presence", _]:
-                decisions = self._desk.presence(payload, asker, now, retained=retained)
+                decisions = self._desk.gone(client, now)
+            case ["presence", client]:
+                decisions = self._desk.presence(payload, client, asker, now, retained=retained)
             case ["request", name, verb]:
                 decisions = self._desk.request(f"{name}/{verb}", payload, asker, now, retained=retained)
             case ["setpoint", name]:
@@ -104,13 +113,13 @@ class Dispatcher:
                 return
         self._carry_out(decisions)
 
-    def cut_off(self) -> None:
-        """The broker is lost: nobody commands anything any more."""
-        self._carry_out(self._desk.cut_off(self._clock.now()))
+    def cut_off(self, why: str = "the service has lost the broker") -> None:
+        """Nobody can be heard: nobody commands anything any more."""
+        self._carry_out(self._desk.cut_off(why, self._clock.now()))
 
     async def leave(self) -> None:
         """The service ends: what somebody commanded is stopped first, and whoever asked is answered."""
-        self.cut_off()
+        self.cut_off("the service was ended")
         if self._alarm is not None:
             self._alarm.cancel()
         while self._tasks:
@@ -139,7 +148,7 @@ class Dispatcher:
                 case Cancel(order):
                     self._performances[order.id].cancel()
                 case Ask(order):
-                    self._spawn(self._ask(order))
+                    self._ask(order)
                 case Tell(event):
                     self.reporter.touch(frozenset({event.axis}))
                     self._publish(self._topics.axis(event.axis, "event"), event)
@@ -156,7 +165,7 @@ class Dispatcher:
             else:
                 self._carry_out(self._desk.recalled(order, former, now))
 
-        keeping = partial(Ledger.store, request=order.id, digest=order.digest)
+        keeping = partial(Ledger.store, request=order.id, digest=order.digest, axes=order.axes)
         self._clerk.write(keeping if keep else partial(Ledger.look_up, request=order.id), recalled)
 
     def _settle(self, order: Order, answer: Answer) -> None:
@@ -198,14 +207,36 @@ class Dispatcher:
             _log.error("%s %s failed", order.name, order.verb, exc_info=error)
         return Answer(id=order.id, outcome=ending(error, begun=begun), error=trouble(error), now=self._clock.now())
 
-    async def _ask(self, order: Order) -> None:
-        try:
-            value = self.reporter.sample(order) if order.verb == "sample" else await self._machine.ask(order)
-            answer = Answer(id=order.id, outcome="done", value=value, now=self._clock.now())
-        except Exception as error:
-            answer = self._failed(order, error, begun=True)
-        for asker in order.askers:
-            self._publish(asker.topic, answer, properties=answering(asker))
+    def _ask(self, order: Order) -> None:
+        """Answer a question. Of each question one is asked at a time, and answers all that came in before it began."""
+        if order.verb == "sample":
+            self._answer(
+                [order], Answer(id="", outcome="done", value=self.reporter.sample(order), now=self._clock.now())
+            )
+            return
+        waiting = self._questions.get((order.name, order.verb))
+        if waiting is not None:
+            waiting.append(order)
+            return
+        self._questions[order.name, order.verb] = [order]
+        self._spawn(self._ask_all(order.name, order.verb))
+
+    async def _ask_all(self, name: str, question: str) -> None:
+        while orders := self._questions[name, question]:
+            self._questions[name, question] = []
+            try:
+                value = await self._machine.ask(orders[0])
+                answer = Answer(id="", outcome="done", value=value, now=self._clock.now())
+            except Exception as error:
+                answer = self._failed(orders[0], error, begun=True)
+            self._answer(orders, answer)
+        del self._questions[name, question]
+
+    def _answer(self, orders: list[Order], answer: Answer) -> None:
+        for order in orders:
+            for asker in order.askers:
+                told = answer.model_copy(update={"id": order.id})
+                self._publish(asker.topic, told, properties=answering(asker))
 
     def _stop(self, halt: Halt) -> Coroutine[Any, Any, None]:
         """Stop axes at once; what is returned tells the desk whether they stand."""

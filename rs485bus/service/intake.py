@@ -7,8 +7,8 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 
 from rs485bus.errors import NotSent, RequestMalformed
-from rs485bus.service.decisions import Asker, Order
-from rs485bus.service.schema import Request, read
+from rs485bus.service.decisions import Asker, Halt, Order
+from rs485bus.service.schema import Request, Stop, read, told_id
 from rs485bus.service.topics import PLANT, Topics
 from rs485bus.service.verbs import Together, Verb, arguments
 
@@ -80,6 +80,17 @@ class Intake:
         )
         return order, verb
 
+    def halt(self, payload: bytes, asker: Asker | None, *, emergency: bool) -> Halt:
+        """A stop. What cannot be understood stops all."""
+        try:
+            axes = self.named(read(Stop, payload).axes or self._axes)
+        except RequestMalformed:
+            axes = self.named(self._axes)
+        why = "An emergency stop was asked for." if emergency else "A stop was asked for."
+        request = told_id(payload)
+        askers = [(request, asker)] if asker is not None and self.may_answer(asker) else []
+        return Halt(axes, why, emergency, request, askers)
+
     def named(self, names: Iterable[str]) -> frozenset[str]:
         """The axes that names stand for. Raises `RequestMalformed` for a name that there is not."""
         axes: set[str] = set()
@@ -113,6 +124,12 @@ def refuse_retained(retained: bool) -> None:
             "It was published as a retained message, and would come again with every connection: publish it without "
             "retain. Nothing was done."
         )
+
+
+def check_topic(named: str, client: str) -> None:
+    """Raise `RequestMalformed` where the topic names another client than the message."""
+    if named != client:
+        raise RequestMalformed(f"The topic names {named}, and the message {client}. Nothing was done.")
 
 
 def used_before(order: Order) -> RequestMalformed:

@@ -88,7 +88,8 @@ class Ledger:
             self._prune()
             self._base.execute("COMMIT")
         except BaseException:
-            self._base.execute("ROLLBACK")
+            if self._base.in_transaction:  # where the disk is full, SQLite has ended it already
+                self._base.execute("ROLLBACK")
             raise
         return results
 
@@ -101,11 +102,12 @@ class Ledger:
             return None
         return Former(row[0], _unknown(request, self._now()) if row[1] is None else read(Answer, row[1]))
 
-    def store(self, request: str, digest: str) -> Former | None:
-        """Store an id, unless it is known already."""
+    def store(self, request: str, digest: str, axes: frozenset[str] = frozenset()) -> Former | None:
+        """Store an id, unless it is known already; and that these axes are held, which may have failed before."""
         former = self.look_up(request)
         if former is None:
             self._base.execute("INSERT INTO requests VALUES (?, ?, ?, NULL)", (request, self._now(), digest))
+            self._base.executemany("INSERT OR IGNORE INTO held VALUES (?)", [(axis,) for axis in sorted(axes)])
         return former
 
     def settle(self, request: str, answer: Answer) -> None:

@@ -6,15 +6,23 @@ All times are seconds of the service's clock: Unix time when the service was sta
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, Final, Literal, TypeVar
+import re
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rs485bus.errors import RequestMalformed
 
 VERSION: Final = 1
+LONGEST = 16_384
+"""Bytes of the longest message that a client may send."""
+_TOLD_AT_MOST = 5
+"""Mistakes in a message that are named, of many."""
+_ID = r"^[A-Za-z0-9._:-]+$"
+_WORD = 60
+"""Characters of what somebody else has written that are repeated in a message."""
 
-Id = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9._:-]+$")]
+Id = Annotated[str, Field(min_length=1, max_length=64, pattern=_ID)]
 """What names a request: a UUID, say. It is used once."""
 Time = Annotated[float, Field(allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -24,7 +32,9 @@ Lease = Annotated[int, Field(ge=0, lt=2**53)]
 class Message(BaseModel):
     """What all messages have."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    longest: ClassVar[float] = LONGEST
 
     v: Literal[1] = VERSION
     """The version of the schema."""
@@ -96,7 +106,9 @@ class SetPoint(Message):
 class Told(Message):
     """What the service says. A later release may say more."""
 
-    model_config = ConfigDict(extra="ignore", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=False)
+
+    longest: ClassVar[float] = float("inf")
 
 
 class Trouble(Told):
@@ -244,6 +256,10 @@ def read(kind: type[M], payload: bytes | str) -> M:
     Raises:
         RequestMalformed: it is not what the schema says.
     """
+    if len(payload) > kind.longest:
+        raise RequestMalformed(
+            f"The message has {len(payload)} bytes: {kind.longest:g} are allowed. It was not read. Nothing was done."
+        )
     try:
         return kind.model_validate_json(payload)
     except ValidationError as error:
@@ -258,13 +274,23 @@ def write(message: Message) -> bytes:
 def told_id(payload: bytes) -> str:
     """The id in a message that may be malformed; empty if none can be found."""
     told = _fields(payload).get("id")
-    return told if isinstance(told, str) and len(told) <= 64 else ""
+    return told if isinstance(told, str) and len(told) <= 64 and re.fullmatch(_ID, told) else ""
+
+
+def mistakes(error: ValidationError, where: str = "") -> str:
+    """What is wrong, in words: the first few mistakes."""
+    told = error.errors(include_url=False, include_context=False, include_input=False)
+    named = [f"{where}{'.'.join(map(str, one['loc']))[:_WORD] or 'payload'}: {one['msg']}" for one in told]
+    more = f"; and {len(named) - _TOLD_AT_MOST} more" if len(named) > _TOLD_AT_MOST else ""
+    return "; ".join(named[:_TOLD_AT_MOST]) + more
 
 
 def _fields(payload: bytes | str) -> dict[str, Any]:
+    if len(payload) > LONGEST:
+        return {}
     try:
         fields = json.loads(payload)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return fields if isinstance(fields, dict) else {}
 
@@ -273,14 +299,10 @@ def _what_is_wrong(kind: type[Message], payload: bytes | str, error: ValidationE
     told = _fields(payload).get("v", VERSION)
     if told != VERSION:
         return (
-            f"The message is of version {told!r} of the schema, and this side speaks version {VERSION}: install the "
-            "same release of rs485bus on both sides. Nothing was done."
+            f"The message is of version {repr(told)[:_WORD]} of the schema, and this side speaks version {VERSION}: "
+            "install the same release of rs485bus on both sides. Nothing was done."
         )
-    wrong = "; ".join(
-        f"{'.'.join(map(str, one['loc'])) or 'payload'}: {one['msg']}"
-        for one in error.errors(include_url=False, include_context=False, include_input=False)
-    )
-    return f"{kind.__name__} is not what its schema says ({wrong}). Nothing was done."
+    return f"{kind.__name__} is not what its schema says ({mistakes(error)}). Nothing was done."
 
 
 def json_schema() -> dict[str, Any]:

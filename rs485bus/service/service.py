@@ -11,27 +11,24 @@ from typing import Any
 import aiomqtt
 from paho.mqtt.reasoncodes import ReasonCode
 
-from rs485bus.errors import BrokerError, RequestMalformed
+from rs485bus.errors import BrokerError
 from rs485bus.service import discovery
-from rs485bus.service.broker import KEEPALIVE, NO_RETAINED, WITH_RETAINED, Broker, Client, asker_of, last_will
+from rs485bus.service.broker import NO_RETAINED, Broker, Client, asker_of, last_will, payload_of
+from rs485bus.service.claim import Claim
 from rs485bus.service.clock import Clock
 from rs485bus.service.description import offline, online
 from rs485bus.service.dispatcher import Dispatcher
 from rs485bus.service.ledger import Ledger
 from rs485bus.service.machine import Machine, Plant
-from rs485bus.service.schema import Description, Message, read, write
+from rs485bus.service.schema import Message, write
 from rs485bus.service.topics import PREFIX, Topics
 
 _log = logging.getLogger("rs485bus.service")
 
 _PAUSES = (0.1, 0.2, 0.5, 1.0, 2.0)
 """Seconds before the broker is looked for again."""
-_FORMER = 0.3
-"""Seconds within which the broker tells that the plant is served already."""
 _FAREWELL = 1.0
 """Seconds within which the broker takes it that the service ends."""
-_DEAD = 2.0 * KEEPALIVE
-"""Seconds within which the broker notices that a service is gone."""
 
 
 class Service:
@@ -66,6 +63,8 @@ class Service:
         self._home_assistant = home_assistant
         self._machine = Machine(plant)
         self._dispatcher = Dispatcher(self._machine, ledger, Clock(), self.topics, self._publish, rate)
+        self._description = online(self._machine, self.session)
+        self._claim = Claim(self._description, str(broker), self.topics, self._publish)
         self._client: Client | None = None
         self.online = asyncio.Event()
         """Set while it is connected to the broker."""
@@ -105,11 +104,11 @@ class Service:
         gone = write(offline(self._plant.name, self.session))
         will = last_will(self.topics.service, gone, retain=True)
         async with self._broker.connect(name, will) as client, self._broker.connect(f"{name}-stops") as stops:
-            await self._check_alone(client)
+            await self._claim.take(client)
             self._client = client
             await stops.subscribe([(topic, NO_RETAINED) for topic in self._urgent])
             await client.subscribe([(topic, NO_RETAINED) for topic in self._usual])
-            await self._introduce(client)
+            await self._help_find(client)
             self.online.set()
             _log.info("%s is served at %s", self._plant.name, self._broker)
             try:
@@ -121,12 +120,10 @@ class Service:
                         await client.deliver(self.topics.service, gone, retain=True)
                 raise
 
-    async def _introduce(self, client: Client) -> None:
-        """Say what there is."""
-        description = online(self._machine, self.session)
-        await client.deliver(self.topics.service, write(description), retain=True)
+    async def _help_find(self, client: Client) -> None:
+        """Have Home Assistant find the plant, if that is wanted."""
         if self._home_assistant:
-            for topic, entry in discovery.entries(self.topics, description).items():
+            for topic, entry in discovery.entries(self.topics, self._description).items():
                 await client.deliver(topic, entry, retain=True)
 
     async def _listen_and_report(self, client: Client, stops: Client) -> None:
@@ -157,34 +154,15 @@ class Service:
             self.topics.gone("+"),
         ]
 
-    async def _check_alone(self, client: Client) -> None:
-        """Raise `BrokerError` where another service serves this plant, and does not go offline."""
-        other: Description | None = None
-        await client.subscribe(self.topics.service, options=WITH_RETAINED)
-        try:
-            async with asyncio.timeout(_FORMER) as limit:
-                async for message in client.messages:
-                    told = read(Description, _bytes(message))
-                    if told.status == "offline" or told.session == self.session:
-                        other = None
-                        break
-                    other = told
-                    limit.reschedule(asyncio.get_running_loop().time() + _DEAD)
-        except (TimeoutError, RequestMalformed):
-            pass
-        await client.unsubscribe(self.topics.service)
-        if other is not None:
-            raise BrokerError(
-                f"The plant {self._plant.name} is served at {self._broker} already, by {other.host}: two would not "
-                "know of each other. Stop that one, or give this plant another name."
-            )
-
     # What comes in
 
     async def _listen(self, client: Client) -> None:
         async for message in client.messages:
+            if message.topic.value == self.topics.service:
+                self._claim.look_at(message)
+                continue
             parts = self.topics.parts(message.topic.value)
-            self._dispatcher.hear(parts, _bytes(message), asker_of(message), retained=message.retain)
+            self._dispatcher.hear(parts, payload_of(message), asker_of(message), retained=message.retain)
 
     # What goes out
 
@@ -199,7 +177,3 @@ class Service:
                 _log.warning("%s", client.refusal(topic, future.result()))
 
         client.send(topic, write(message), **options).add_done_callback(taken)
-
-
-def _bytes(message: aiomqtt.Message) -> bytes:
-    return message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()

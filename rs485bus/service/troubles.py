@@ -40,11 +40,18 @@ def raised(told: Trouble) -> Exception:
         return kind(
             told.message,
             address=told.address or 0,
-            request=bytes.fromhex(told.request or ""),
+            request=_frame(told.request or ""),
             attempts=told.attempts or 0,
             code=told.code,
         )
     return kind(told.message)
+
+
+def _frame(digits: str) -> bytes:
+    try:
+        return bytes.fromhex(digits)
+    except ValueError:  # whoever said that is not to be relied on; what became of the request is told all the same
+        return b""
 
 
 def ending(error: BaseException, *, begun: bool) -> Ending:

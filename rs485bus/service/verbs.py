@@ -8,9 +8,10 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from rs485bus.errors import RequestMalformed
+from rs485bus.service.schema import mistakes
 
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Acceleration = Annotated[float, Field(gt=0)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Acceleration = Annotated[float, Strict(False), Field(gt=0)]
 """rpm/s. A jump is "Infinity", in quotation marks: JSON has no infinite numbers."""
 LONGEST_LEASE = 60.0
 LONGEST_SAMPLING = 60.0
@@ -19,7 +20,7 @@ LONGEST_SAMPLING = 60.0
 class Arguments(BaseModel):
     """What a verb is given."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="strings")
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, ser_json_inf_nan="strings")
 
 
 class Nothing(Arguments):
@@ -142,8 +143,5 @@ def arguments(verb: Verb, given: dict[str, Any]) -> Arguments:
     try:
         return verb.arguments.model_validate(given)
     except ValidationError as error:
-        wrong = "; ".join(
-            f"args.{'.'.join(map(str, one['loc']))}: {one['msg']}"
-            for one in error.errors(include_url=False, include_context=False, include_input=False)
-        )
+        wrong = mistakes(error, "args.")
         raise RequestMalformed(f"The request is not what its schema says ({wrong}). Nothing was done.") from None

@@ -26,7 +26,7 @@ from rs485bus.service.decisions import (
 from rs485bus.service.desk import Desk
 from rs485bus.service.leases import LeaseBook
 from rs485bus.service.ledger import Ledger
-from rs485bus.service.schema import Answer, AxisEvent, Gone, Message, Presence, Request, SetPoint, Stop, write
+from rs485bus.service.schema import Answer, AxisEvent, Message, Presence, Request, SetPoint, Stop, write
 from rs485bus.service.topics import PLANT, Topics
 
 TOPICS = Topics("cell")
@@ -94,7 +94,7 @@ class Office:
     def presence(self, lease: int, client: str = "a", sent: float | None = None) -> str:
         said = Presence(id=f"p{next(self._ids)}", client=client, lease=lease, sent=self.now if sent is None else sent)
         asker = Asker(TOPICS.reply(client), said.id.encode())
-        self.do(self.desk.presence(write(said), asker, self.now, retained=False))
+        self.do(self.desk.presence(write(said), client, asker, self.now, retained=False))
         return said.id
 
     def stop(self, *axes: str, client: str = "s", emergency: bool = False) -> str:
@@ -104,7 +104,7 @@ class Office:
         return said.id
 
     def gone(self, client: str) -> None:
-        self.do(self.desk.gone(write(Gone(client=client)), client, self.now))
+        self.do(self.desk.gone(client, self.now))
 
     def set_point(self, said: SetPoint, name: str = "x") -> None:
         self.do(self.desk.setpoint(name, write(said), self.now, retained=False))

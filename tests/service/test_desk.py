@@ -221,7 +221,7 @@ def test_the_loss_of_the_broker_ends_all_leases() -> None:
     office = Office()
     office.take("x", client="a", seconds=60)
     office.take("y", client="b", seconds=60)
-    office.do(office.desk.cut_off(office.now))
+    office.do(office.desk.cut_off("the service has lost the broker", office.now))
     assert {axis for halt, _ in office.halts for axis in halt.axes} == set("xy")
     assert office.desk.wake == float("inf")
 

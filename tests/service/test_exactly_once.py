@@ -80,7 +80,7 @@ class Clients(RuleBasedStateMachine):
 
     @rule()
     def loses_the_broker(self) -> None:
-        self.office.do(self.office.desk.cut_off(self.office.now))
+        self.office.do(self.office.desk.cut_off("the service has lost the broker", self.office.now))
 
     @rule(seconds=st.sampled_from([0.01, 0.2, 0.7, 100.0]))
     def time_passes(self, seconds: float) -> None:

@@ -47,8 +47,8 @@ def test_an_answer_that_was_stored_before_tells_no_more_than_it_can() -> None:
 
 def test_what_is_not_heard_of_is_said_again_and_in_the_end_unknown() -> None:
     requests, ended = PendingRequests(patience=10), []
-    verb = Pending("1", "move", "t", b"", True, 2.0, lambda answer, error: ended.append(error))
-    question = Pending("2", "position", "t", b"", False, 2.0, lambda answer, error: ended.append(error))
+    verb = Pending("1", "move", "t", bytes, True, 2.0, lambda answer, error: ended.append(error))
+    question = Pending("2", "position", "t", bytes, False, 2.0, lambda answer, error: ended.append(error))
     for request in (verb, question):
         requests.add(request)
         requests.sent(request, 100.0)
@@ -65,14 +65,14 @@ def test_what_is_not_heard_of_is_said_again_and_in_the_end_unknown() -> None:
 
 def test_what_was_never_sent_was_not_done() -> None:
     requests, ended = PendingRequests(patience=10), []
-    requests.add(Pending("1", "move", "t", b"", True, 2.0, lambda answer, error: ended.append(error)))
+    requests.add(Pending("1", "move", "t", bytes, True, 2.0, lambda answer, error: ended.append(error)))
     requests.give_up("the connection was closed.")
     assert isinstance(ended[0], errors.NotSent)
 
 
 def test_an_end_is_told_once() -> None:
     requests, ended = PendingRequests(patience=10), []
-    requests.add(Pending("1", "move", "t", b"", True, 2.0, lambda answer, error: ended.append(answer)))
+    requests.add(Pending("1", "move", "t", bytes, True, 2.0, lambda answer, error: ended.append(answer)))
     for _ in range(2):
         requests.answered(Answer(id="1", outcome="done", now=0), 101.0)
     assert len(ended) == 1

@@ -378,9 +378,7 @@ def test_a_plant_that_is_not_there_is_told_with_those_that_are(tmp_path: Path, b
     in_real_time(main, 20)
 
 
-def test_a_plant_is_served_once(tmp_path: Path, broker: Mosquitto, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rs485bus.service.service._DEAD", 0.5)
-
+def test_a_plant_is_served_once(tmp_path: Path, broker: Mosquitto) -> None:
     async def main() -> None:
         async with serving(tmp_path, broker.url, name="twice") as (plant, _):
             (tmp_path / "other").mkdir()

@@ -25,7 +25,7 @@ def whole(name: str, value: SupportsIndex, low: int, high: int | None = None) ->
         number = value
     else:
         try:
-            if isinstance(value, bool):
+            if _is_truth(value):
                 raise TypeError
             number = operator.index(value)
         except TypeError:
@@ -42,7 +42,7 @@ def real(name: str, value: SupportsFloat | SupportsIndex, allowed: str = "a numb
         number = float(value)
     else:
         try:
-            if isinstance(value, bool | str | bytes | bytearray):
+            if isinstance(value, str | bytes | bytearray) or _is_truth(value):
                 raise TypeError
             number = float(value)
         except (TypeError, ValueError, OverflowError):
@@ -50,6 +50,11 @@ def real(name: str, value: SupportsFloat | SupportsIndex, allowed: str = "a numb
     if math.isnan(number):
         raise LimitExceeded(f"{name} must be {allowed}, not {value!r}")
     return number
+
+
+def _is_truth(value: object) -> bool:
+    """Whether it is True or False, of Python or of numpy, which says so by the type of its data."""
+    return isinstance(value, bool) or str(getattr(value, "dtype", "")) == "bool"
 
 
 def positive(name: str, value: SupportsFloat | SupportsIndex, unless: str = "") -> float:
@@ -88,7 +93,7 @@ def choice(name: str, value: object, kind: type[E]) -> E:
     if isinstance(value, kind):
         return value
     try:
-        if isinstance(value, bool):
+        if _is_truth(value):
             raise ValueError
         return kind(value)
     except ValueError:

@@ -53,7 +53,19 @@ def test_numbers_of_other_libraries_become_plain_ones() -> None:
     assert all(type(real("rpm", value)) is float for value in (3, Count(3), Measure(3.0)))
 
 
-@pytest.mark.parametrize("value", ["5", b"5", None, True, [5], 1j])
+class Truth:
+    """True or False of another library's: numpy's behaves so."""
+
+    dtype = "bool"
+
+    def __float__(self) -> float:
+        return 1.0
+
+    def __index__(self) -> int:
+        return 1
+
+
+@pytest.mark.parametrize("value", ["5", b"5", None, True, Truth(), [5], 1j])
 def test_what_is_no_number_is_a_type_error_that_shows_it(value: Any) -> None:
     for check in (lambda: real("rpm", value), lambda: positive("rpm", value), lambda: whole("rpm", value, 1, 5)):
         with pytest.raises(TypeError, match=r"rpm must be a .*number.*, not "):

@@ -151,7 +151,13 @@ class Journal:
                 _log.exception("an observer of the bus failed")
 
     def subscribe(self, observer: Observer) -> Callable[[], None]:
-        """Call `observer` with every record from now on. Returns what ends that."""
+        """Call `observer` with every record from now on. Returns what ends that.
+
+        Raises:
+            TypeError: it cannot be called.
+        """
+        if not callable(observer):
+            raise TypeError(f"an observer must be a function that takes a record, not {observer!r}")
         self._observers = (*self._observers, observer)
 
         def unsubscribe() -> None:

@@ -96,7 +96,7 @@ class Axis:
         self._supervisor = supervisor
         self._state = drive.state.axes[number]
         self.motion = self._state.motion
-        self._events = Events(name, bus.now)
+        self._events = Events(name, bus.now, bus.spawn)
         told = self._forget_plans, self._was_stopped, self._make_safe, self._events.tell
         self._stops = StopControl(bus, drive, number, name, supervisor, *told)
         self._was_interrupted = self._stops.interrupted
@@ -276,7 +276,14 @@ class Axis:
             await anyio.sleep(every)
 
     async def events(self) -> AsyncIterator[Event]:
-        """What happens to the axis from now on: faults, limits, stalls, restarts, trips, stops, lost and back."""
+        """What happens to the axis from now on: faults, limits, stalls, restarts, trips, stops, lost and back.
+
+        It ends when the bus is closed.
+
+        Raises:
+            BusClosed: the bus is closed already.
+        """
+        self._stops.check_open()
         async for event in self._events.listen():
             yield event
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import enum
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from dataclasses import dataclass
+from typing import Any
 
 from rs485bus.errors import DriveFault, LimitReached, MotionError, MotorStalled, ReferenceLost
 from rs485bus.motion.state import AxisState, Fact
@@ -68,11 +69,18 @@ class Events:
     Args:
         name: the axis.
         now: the time.
+        spawn: makes a task that ends with the bus.
     """
 
-    def __init__(self, name: str, now: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        name: str,
+        now: Callable[[], float],
+        spawn: Callable[[Coroutine[Any, Any, None], str], asyncio.Task[None]],
+    ) -> None:
         self._name = name
         self._now = now
+        self._spawn = spawn
         self._listeners: list[tuple[deque[Event], asyncio.Event]] = []
 
     def tell(self, kind: EventKind, what: str) -> None:
@@ -83,18 +91,25 @@ class Events:
             wake.set()
 
     async def listen(self) -> AsyncIterator[Event]:
-        """What happens from now on."""
+        """What happens from now on, until the bus is closed."""
         listener = (deque[Event](maxlen=_KEPT), asyncio.Event())
         self._listeners.append(listener)
         waiting, wake = listener
+        open_bus = self._spawn(_for_ever(), f"listening to {self._name}")
+        open_bus.add_done_callback(lambda _: wake.set())
         try:
-            while True:
+            while waiting or not open_bus.done():
                 await wake.wait()
                 wake.clear()
                 while waiting:
                     yield waiting.popleft()
         finally:
+            open_bus.cancel()
             self._listeners.remove(listener)
+
+
+async def _for_ever() -> None:
+    await asyncio.get_running_loop().create_future()
 
 
 class Changes:

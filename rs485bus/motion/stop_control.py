@@ -95,7 +95,7 @@ class StopControl:
                 handle.fail(self.unconfirmed())
                 self.tell(EventKind.FAILED, str(handle.error))
             elif self._bus.closing:
-                handle.finish(None)
+                self._ended(handle)
             else:
                 self._bus.spawn(self._see_it_stay(handle), f"rs485bus {handle.what}")
 
@@ -123,8 +123,11 @@ class StopControl:
             pass  # nobody can be asked any more
         finally:
             if not handle.done():
-                handle.finish(None)
-                self.tell(EventKind.STOP, "it was stopped, and stands")
+                self._ended(handle)
+
+    def _ended(self, handle: Handle[None]) -> None:
+        handle.finish(None)
+        self.tell(EventKind.STOP, "it was stopped, and stands")
 
     def check_open(self) -> None:
         """Raise `BusClosed` if the bus is closed, and `WrongThread` for a call from another thread."""

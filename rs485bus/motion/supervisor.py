@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from rs485bus.arguments import instance
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.schedule.burst import takes
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
@@ -72,7 +73,7 @@ class Supervisor:
     """
 
     def __init__(self, bus: Bus, drive: Drive) -> None:
-        self._bus = bus
+        self._bus = instance("bus", bus, Bus, "await open_bus(...)")
         self._drive = drive
         self._budget = bus.keep(LookBudget, lambda: LookBudget(bus.config.supervision))
         self._watched: dict[int, _Watched] = {}

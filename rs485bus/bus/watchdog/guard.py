@@ -30,6 +30,7 @@ from rs485bus.errors import (
     WatchdogInUse,
     WatchdogNotSupported,
 )
+from rs485bus.wire.exceptions import Meaning, exception
 
 __all__ = ["WatchReport", "WatchdogGuard", "admit_and_arm", "warn_of", "warn_of_strain"]
 
@@ -131,6 +132,12 @@ class WatchdogGuard:
         self._devices = list({axis.attached.address: axis.attached for axis in axes}.values())
         if not self._devices:
             raise ValueError("watchdog() guards nothing: name the axes that it is to guard")
+        for device in self._devices:
+            if bus.owner.units[device.address].attached is not device:
+                raise ValueError(
+                    f"{device.family} {device.address} is on another bus than the one that was to guard it: each bus "
+                    "guards its own axes. Enter one block for each bus."
+                )
         self._members = [member for member in members if member.attached in self._devices]
         self.timeout = real("timeout", timeout)
         for device in self._devices:
@@ -219,6 +226,8 @@ class WatchdogGuard:
         device = next(device for device in self._devices if device.address == job.address)
         watchdog = device.watchdog
         refused = job.outcome is Outcome.REFUSED and watchdog is not None and watchdog.set_by(job.request) is not None
+        if job.code is not None and exception(job.code).meaning is Meaning.BUSY:
+            refused = False
         if not refused or (watchdog is not None and watchdog.read() is not None):
             return failure(job, self._bus.flight)
         return WatchdogNotSupported(

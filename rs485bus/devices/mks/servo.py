@@ -261,12 +261,12 @@ class MksServo(MksSetup):
         Args:
             timeout: seconds after which a drive that has not come back makes the handle raise `MotionError`.
         """
-        return self._order_plan("calibration", lambda: service.calibrate(self._mks, timeout))
+        return self._order_restart("calibration", service.calibrate, timeout)
 
     def restart(self, *, timeout: float = 10.0) -> Handle[None]:
         """Start the drive anew (3.5.2). It counts from zero then: `enable`, and `home` or `set_zero`. As `calibrate`
         otherwise."""
-        return self._order_plan("restart", lambda: service.restart(self._mks, timeout))
+        return self._order_restart("restart", service.restart, timeout)
 
     def factory_reset(self, *, timeout: float = 10.0) -> Handle[None]:
         """Make all settings those of the factory, and restart (3.5.1). As `restart` otherwise.
@@ -274,7 +274,7 @@ class MksServo(MksSetup):
         Do it with no other drive on the pair: whether address and baud rate are reset, too, only hardware tells, and
         then it answers at address 1 and 38400 bit/s. Work mode and microsteps are written again before it moves.
         """
-        return self._order_plan("factory reset", lambda: service.factory_reset(self._mks, timeout))
+        return self._order_restart("factory reset", service.factory_reset, timeout)
 
     def silence(self) -> Handle[None]:
         """Have the drive answer nothing, so that another one's firmware can be loaded, until `wake` (3.6).

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from rs485bus.arguments import choice
+from rs485bus.arguments import choice, positive
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import current
@@ -137,3 +138,8 @@ class MksSetup(Axis):
     def _check(self, name: str, value: Any) -> None:
         """Raise what is out of range before it is queued."""
         SETTINGS[name].frames(self._mks.address, self._mks.model, value)
+
+    def _order_restart(self, what: str, plan: Callable[[MksDrive, float], Plan[None]], timeout: float) -> Handle[None]:
+        """Queue what has the drive restart, and the wait until it is back: so many seconds."""
+        by = positive(f"{self.name}: timeout", timeout)
+        return self._order_plan(what, lambda: plan(self._mks, by))

@@ -107,7 +107,13 @@ class Axis:
         """
         ...
     def events(self) -> Stream[Event]:
-        """What happens to the axis from now on: faults, limits, stalls, restarts, trips, stops, lost and back."""
+        """What happens to the axis from now on: faults, limits, stalls, restarts, trips, stops, lost and back.
+
+        It ends when the bus is closed.
+
+        Raises:
+            BusClosed: the bus is closed already.
+        """
         ...
     def idle(self) -> bool:
         """Whether nothing is queued and the motor stands."""

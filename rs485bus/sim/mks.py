@@ -24,6 +24,7 @@ from rs485bus.sim.device import SimDevice
 from rs485bus.sim.mks_machine import Machine
 from rs485bus.sim.mks_memory import Refused, accept, factory_settings
 from rs485bus.sim.mks_motion import MksMotion
+from rs485bus.sim.mks_quirks import PLAIN, Manners, Quirks
 from rs485bus.sim.mks_shaft import FOREVER
 from rs485bus.wire.frames import BROADCAST, READ_INPUT, WRITE_SINGLE, crc
 
@@ -52,6 +53,7 @@ class SimMks(SimDevice):
         trip_latches: after its watchdog stopped it, it moves only after an enable.
         fed_by: what feeds its watchdog, of "reads", "writes", "others" (frames to others) and "broadcasts".
         stuck_status: what 0xF1 goes on saying after a move, as some drives do; None for none.
+        quirks: what else it does beside its manual.
         answers_at_new: a write of address, baud rate or protocol is answered at the new setting already.
         reset_keeps_line: a factory reset leaves address and baud rate as they are.
     """
@@ -70,6 +72,7 @@ class SimMks(SimDevice):
         trip_latches: bool = False,
         fed_by: frozenset[str] = frozenset({"reads", "writes"}),
         stuck_status: Status | None = None,
+        quirks: Quirks = PLAIN,
         answers_at_new: bool = False,
         reset_keeps_line: bool = True,
     ) -> None:
@@ -79,7 +82,7 @@ class SimMks(SimDevice):
         self.enabled_at_power_on = enabled_at_power_on
         self.trip_latches = trip_latches
         self.fed_by = fed_by
-        self.stuck_status = stuck_status
+        self._manners = Manners(quirks, stuck_status)
         self.answers_at_new = answers_at_new
         self.reset_keeps_line = reset_keeps_line
         self.version = 0x0109
@@ -91,9 +94,7 @@ class SimMks(SimDevice):
         self.trips: list[float] = []
         """When its watchdog stopped it."""
         self.restarts = 0
-        self._last = 0.0
-        self._heard_at = 0.0
-        self._ready_at = 0.0
+        self._last = self._heard_at = self._ready_at = 0.0
         self._tripped = False
         self._silent = False
         self._outputs: dict[Inputs, bool] = {}
@@ -150,9 +151,7 @@ class SimMks(SimDevice):
 
     def status(self, now: float) -> Status:
         """What 0xF1 reads."""
-        status = self.motion.status(now)
-        stuck = self.stuck_status is not None and self.motion.has_moved and status is Status.STOPPED
-        return self.stuck_status if stuck and self.stuck_status is not None else status
+        return self._manners.status(self.motion, now)
 
     def inputs(self, now: float) -> Inputs:
         """What 0x34 reads. OUT_1 shows a stall, OUT_2 the pulse divider, unless they were written (1.2, 4.2, 4.3)."""
@@ -296,12 +295,14 @@ class SimMks(SimDevice):
             r.STATUS.address: r.STATUS.encode(self.status(now)),
         }
         try:
-            data = values[understand(pdu).what.address]
+            register = understand(pdu).what.address
         except ValueError:
             return None
+        data = self._manners.answered(register, values[register])
         return bytes((READ_INPUT, len(data))) + data
 
     def _write(self, pdu: bytes, now: float) -> None:
+        self._manners.refuse()
         spoken = accept(pdu)
         register, values = spoken.what.address, spoken.values
         if (block := self._blocks.get(register)) is not None:

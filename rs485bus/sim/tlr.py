@@ -41,6 +41,8 @@ class SimTlr(SimUnit):
         enabled_at_power_on: whether it is energised then.
         ramp_rpm: the speed that ramp times refer to; None for that of the move.
         goes_to_offset: after homing it goes to the offset; otherwise the origin has that position.
+        status_lag: seconds before the shaft stands in which the status says already that it does.
+        unknown_bits: bits of the status that the manual does not name, and that are set.
         serial_at_once: station and baud rate count when they are written; otherwise after a power cycle.
     """
 
@@ -63,6 +65,8 @@ class SimTlr(SimUnit):
         enabled_at_power_on: bool = True,
         ramp_rpm: float | None = None,
         goes_to_offset: bool = True,
+        status_lag: float = 0.0,
+        unknown_bits: int = 0,
         serial_at_once: bool = False,
     ) -> None:
         super().__init__(address, {})
@@ -75,6 +79,8 @@ class SimTlr(SimUnit):
         self.live_jog = live_jog
         self.enabled_bit = enabled_bit
         self.enabled_at_power_on = enabled_at_power_on
+        self.status_lag = status_lag
+        self.unknown_bits = unknown_bits
         self.serial_at_once = serial_at_once
         self.software_version, self.hardware_version = 0x0102, 0x0100
         self.power_cycles = 0
@@ -169,11 +175,12 @@ class SimTlr(SimUnit):
     def _monitored(self, now: float) -> dict[int, int]:
         motion = self.motion
         told = self.enabled if self.enabled_bit is None else self.enabled_bit
+        status = motion.status(now) & (-1 if motion.running(now + self.status_lag) else ~StatusWord.RUNNING)
         pulses = motion.pulses(now) % 0x1_0000_0000
         return {
             r.SOFTWARE_VERSION.address: self.software_version,
             r.HARDWARE_VERSION.address: self.hardware_version,
-            r.STATUS.address: motion.status(now) | (StatusWord.ENABLED if told else 0),
+            r.STATUS.address: status | (StatusWord.ENABLED if told else 0) | self.unknown_bits,
             r.ALARM.address: motion.alarm,
             r.INPUT_STATES.address: self.inputs.states(now),
             r.OUTPUT_STATES.address: self.inputs.outputs(now, self.enabled),

@@ -44,6 +44,8 @@ class SimZlac(SimDevice):
         mode_change_releases: it must be enabled again after a change of mode.
         rpm_in_position_mode: it reports speeds in position mode, too.
         trip_state: what its wheels are after its watchdog stopped them.
+        following_error: counts by which a wheel stands off its target.
+        status_lag: seconds before a wheel stands in which the status says already that it does.
     """
 
     def __init__(
@@ -59,12 +61,15 @@ class SimZlac(SimDevice):
         mode_change_releases: bool = False,
         rpm_in_position_mode: bool = True,
         trip_state: ShaftState = ShaftState.EMERGENCY_STOP,
+        following_error: int = 0,
+        status_lag: float = 0.0,
     ) -> None:
         super().__init__(r.NODE_ID.raw(address))
         self.status_word_left = status_word_left
         self.mode_change_releases = mode_change_releases
         self.rpm_in_position_mode = rpm_in_position_mode
         self.trip_state = trip_state
+        self.status_lag = status_lag
         self.version = 0x0106
         self.bus_voltage = 36.0
         self.temperature = 35.5
@@ -88,7 +93,7 @@ class SimZlac(SimDevice):
         ):
             self.eeprom[register.address] = self._words[register.address] = register.raw(value)
         self.left, self.right = self.wheels = tuple(
-            SimWheel(side, self.value, counts[side.index], ramp_rpm, enable_resumes) for side in Side
+            SimWheel(side, self.value, counts[side.index], ramp_rpm, enable_resumes, following_error) for side in Side
         )
         self._commands: dict[int, Callable[[Any, float], None]] = {
             r.CLEAR_POSITION.address: lambda which, now: self._each(which, SimWheel.clear_position, now),
@@ -239,7 +244,7 @@ class SimZlac(SimDevice):
             *(0 if mute else wheel.motor.rpm(now) for wheel in self.wheels),
             *(wheel.torque(now) for wheel in self.wheels),
         )
-        halves = [wheel.state << 6 | wheel.motor.moving(now) for wheel in self.wheels]
+        halves = [wheel.state << 6 | wheel.motor.moving(now + self.status_lag) for wheel in self.wheels]
         low, high = halves if self.status_word_left == "low" else reversed(halves)
         (left, right), faults = self.wheels, [wheel.faults for wheel in self.wheels]
         data = r.REPORT.encode(

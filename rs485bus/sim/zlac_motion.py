@@ -28,6 +28,7 @@ class SimWheel:
         counts: what its counter begins with.
         ramp_rpm: the change of speed that takes the ramp time; None for any change.
         enable_resumes: enabling it goes on with the target that an emergency stop interrupted.
+        following_error: counts by which it stands off its target.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class SimWheel:
         counts: int,
         ramp_rpm: float | None,
         enable_resumes: bool,
+        following_error: int = 0,
     ) -> None:
         self.side = side
         self.motor = Motor()
@@ -50,6 +52,7 @@ class SimWheel:
         self._first = counts
         self._ramp_rpm = ramp_rpm
         self._enable_resumes = enable_resumes
+        self._following_error = following_error
         self._zero = 0.0
         self._origin = -counts / self._counts_per_turn
         self._goal: float | None = None
@@ -174,6 +177,7 @@ class SimWheel:
         self._goal = goal
         rpm = float(min(self._value(r.POSITION_SPEED.of(self.side)), self._value(r.SPEED_LIMIT)))
         if self._is_free(goal - self.motor.position(now), now):
+            goal += self._following_error / self._counts_per_turn
             self.motor.go_to(goal, rpm, self._rate(rpm, r.ACCELERATION_TIME), now)
 
     def _is_free(self, wanted: float, now: float) -> bool:

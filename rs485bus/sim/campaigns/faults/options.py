@@ -2,12 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Container
+
 from rs485bus.devices.mks import Status
 from rs485bus.devices.tlr import OperatingMode
 from rs485bus.devices.zlac import ShaftState
-from rs485bus.sim.campaigns.faults.plant import Option
+from rs485bus.devices.zlac import registers as zlac
+from rs485bus.sim.campaigns.faults.plant import Drive, Option
+from rs485bus.sim.mks_quirks import Quirks
+from rs485bus.sim.treatment import PLAIN as WELL
+from rs485bus.sim.treatment import Treatment
 
 PLAIN = Option("As the manual reads at first sight.")
+
+_EVERY = 7
+_LATE = 0.7
+_FLASH_TAKES = 0.25
+_MKS_SETTINGS = range(0x82, 0xA0)
+_TLR_SETTINGS = range(0x10, 0x30)
+
+
+def _late_while_moving(drive: Drive, frame: bytes, now: float) -> Treatment:
+    return Treatment(delay=_LATE) if drive.heard % _EVERY == 0 and drive.turns(now) else WELL
+
+
+def _busy(drive: Drive, frame: bytes, now: float) -> Treatment:
+    return Treatment(code=6, carried_out=False) if drive.heard % _EVERY == 0 else WELL
+
+
+def _slow_flash(kept: Container[int]) -> Callable[[Drive, bytes, float], Treatment]:
+    def treat(drive: Drive, frame: bytes, now: float) -> Treatment:
+        is_kept = frame[1] in (6, 16) and int.from_bytes(frame[2:4], "big") in kept
+        return Treatment(delay=_FLASH_TAKES) if is_kept else WELL
+
+    return treat
+
+
+_LATE_WHILE_MOVING = Option("While it moves every seventh answer is 0.7 s late.", treats=_late_while_moving)
+_BUSY = Option("To every seventh request it says that it is busy.", treats=_busy)
+_SLOW = "It answers a write that it keeps in its flash 0.25 s late."
 
 MKS = {
     "plain": PLAIN,
@@ -23,6 +56,14 @@ MKS = {
     "microsteps-8": Option(
         "Speeds count otherwise at 8 microsteps (7.1).", {"microsteps": 8}, {"microsteps": 8, "rpm": 300.0}
     ),
+    "status-lies": Option("0xF1 says that it stands while it turns.", {"quirks": Quirks(lying=Status.STOPPED)}),
+    "shaft-lags": Option("0xF1 says that it stands 50 ms before it does.", {"quirks": Quirks(lag=0.05)}),
+    "status-undefined": Option(
+        "Every third time 0xF1 says something that the manual does not name.", {"quirks": Quirks(undefined_every=3)}
+    ),
+    "refuses": Option("It refuses every seventh write.", {"quirks": Quirks(refuses_every=_EVERY)}),
+    "late-while-moving": _LATE_WHILE_MOVING,
+    "slow-flash": Option(_SLOW, treats=_slow_flash(_MKS_SETTINGS)),
 }
 ZLAC = {
     "plain": PLAIN,
@@ -37,6 +78,11 @@ ZLAC = {
     "no-rpm-in-position-mode": Option("Speeds read 0 in position mode.", {"rpm_in_position_mode": False}),
     "trip-releases": Option("Its watchdog lets go of the wheels.", {"trip_state": ShaftState.RELEASED}),
     "watchdog-off": Option("It is shipped with its watchdog off.", {"watchdog": 0}),
+    "settles-off": Option("A wheel stands 0.3° off its target.", {"following_error": 3}, slack=3 / 4096),
+    "shaft-lags": Option("The status says that it stands 50 ms before it does.", {"status_lag": 0.05}),
+    "late-while-moving": _LATE_WHILE_MOVING,
+    "busy": _BUSY,
+    "slow-flash": Option(_SLOW, treats=_slow_flash(zlac.SAVED)),
 }
 TLR = {
     "plain": PLAIN,
@@ -58,5 +104,10 @@ TLR = {
     "starts-late": Option("It starts 30 ms after it was told to.", {"machine": {"start_delay": 0.03}}),
     "stays-homed": Option("While it homes it says that it is homed.", {"machine": {"stays_homed": True}}),
     "open-loop": Option("It has no encoder.", {"operating_mode": OperatingMode.OPEN_LOOP}),
+    "shaft-lags": Option("The status says that it stands 50 ms before it does.", {"status_lag": 0.05}),
+    "unknown-bits": Option("Bits of the status are set that the manual does not name.", {"unknown_bits": 0xFF80}),
+    "late-while-moving": _LATE_WHILE_MOVING,
+    "busy": _BUSY,
+    "slow-flash": Option(_SLOW, treats=_slow_flash(_TLR_SETTINGS)),
 }
 OPTIONS: dict[str, dict[str, Option]] = {"mks": MKS, "zlac": ZLAC, "tlr": TLR}

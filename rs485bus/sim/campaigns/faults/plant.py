@@ -18,6 +18,8 @@ from rs485bus.sim.mks_machine import Machine
 from rs485bus.sim.motor import Motor
 from rs485bus.sim.tlr import SimTlr
 from rs485bus.sim.tlr_machine import TlrMachine
+from rs485bus.sim.treatment import PLAIN as TREATED_WELL
+from rs485bus.sim.treatment import Treatment
 from rs485bus.sim.zlac import SimZlac
 
 _HEAVY = 9000
@@ -34,8 +36,8 @@ class Option:
     facade: Mapping[str, Any] = field(default_factory=dict)
     slack: float = 0.0
     """Turns by which such a drive may be off, beside the usual ones."""
-    spares: frozenset[str] = frozenset()
-    """Invariants that cannot hold of such a drive, whoever commands it."""
+    treats: Callable[[Drive, bytes, float], Treatment] | None = None
+    """What becomes of a frame to such a drive, at that time, where nothing else goes wrong."""
 
 
 class Drive(ABC):
@@ -52,6 +54,8 @@ class Drive(ABC):
         for shaft in self.shafts:
             shaft.slack += option.slack
         self._counted = [0] * len(self.shafts)
+        self.heard = 0
+        """Frames that were for it."""
         self.later: list[tuple[float, Callable[[float], None]]] = []
         """What still happens to it, and when."""
 
@@ -80,6 +84,15 @@ class Drive(ABC):
     def trips(self) -> list[float]:
         """When its watchdog stopped it."""
         return []
+
+    def treat(self, frame: bytes, now: float) -> Treatment:
+        """A frame is for it: what becomes of that, as it is."""
+        self.heard += 1
+        return TREATED_WELL if self.option.treats is None else self.option.treats(self, frame, now)
+
+    def turns(self, now: float) -> bool:
+        """Whether one of its shafts turns."""
+        return any(rpm for _, rpm, _ in self.motors(now))
 
     def look(self, now: float, told_at: float) -> bool:
         """Write down where its shafts are; whether one of them turns.

@@ -312,7 +312,7 @@ class World:
         for each in drives if frame[0] == 0 else [drive]:
             if each is not None:
                 each.look(now, self._told_at)
-        treatment = PLAIN
+        treatment = PLAIN if drive is None else drive.treat(frame, now)
         name = self._faults.get(self._frames, "")
         if name:
             fault = FAULTS[name]

@@ -200,7 +200,10 @@ class Streamer:
     def _go_on(self) -> None:
         """Tell the next step, if there is one."""
         now = self._bus.now()
-        if self._over or now < self._not_before:
+        if self._over:
+            return
+        if now < self._not_before:
+            self._wake_at(self._not_before)  # it may have been woken for something else
             return
         target = self._target(now)
         step, told = self._step(target, now), self.told

@@ -26,6 +26,7 @@ from rs485bus.motion.command_queue import CommandQueue
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import EventKind
 from rs485bus.motion.knowledge import AxisKnowledge
+from rs485bus.motion.move import Move
 from rs485bus.motion.supervisor import Supervisor
 
 _STOPS = 3
@@ -239,7 +240,9 @@ class StopControl:
         """The bus stopped it for safety, or lost it. It had been unheard for so many seconds."""
         told = f"{self._name}: {reason}. It is stopped as soon as the port is there again."
         error: MotionError | NotSent = NotSent(told)
-        if self._motion.may_move:
+        current = self.queue.current
+        begun = isinstance(current, Move) and current.started_at is not None  # it stands already, perhaps
+        if self._motion.may_move or begun:
             error = MotionInterrupted(f"{told} How far it went is not known until then.")
         if self._bus.owner.units[self._drive.address].locked:
             error = RearmRequired(

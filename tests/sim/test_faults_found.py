@@ -1,5 +1,7 @@
 """What every_fault has found: each kind again at every frame of a scenario in which it happened."""
 
+from dataclasses import replace
+
 import pytest
 
 from rs485bus.sim.campaigns.faults.campaign import try_all
@@ -8,15 +10,17 @@ from rs485bus.sim.campaigns.faults.case import Case, without_faults
 Failed = list[tuple[str, str, str]]
 
 
-def at_every_frame(base: Case, fault: str) -> Failed:
-    """What fails of a scenario where one fault happens at each of its frames."""
-    cases = [
-        Case(base.family, base.scenario, base.option, base.goes_on, ((fault, frame),))
-        for frame in range(without_faults(base).frames)
-    ]
+def at_frames(base: Case, fault: str, which: slice = slice(None)) -> Failed:
+    """What fails of a scenario where one fault happens at each of its frames, or at those named."""
+    frames = range(without_faults(base).frames)[which]
+    cases = [replace(base, faults=((fault, frame),)) for frame in frames]
     return [(str(case), name, seen) for case, name, seen in try_all(cases).failed]
 
 
 @pytest.mark.parametrize("family", ["mks", "tlr"])
 def test_a_stream_whose_last_frame_is_answered_late_says_it_again_and_ends(family: str) -> None:
-    assert at_every_frame(Case(family, "stream-of-speeds"), "reply-late") == []
+    assert at_frames(Case(family, "stream-of-speeds"), "reply-late", slice(-20, None)) == []
+
+
+def test_a_part_of_a_group_that_stands_already_as_the_port_is_lost_does_not_say_that_nothing_was_done() -> None:
+    assert at_frames(Case("together", "mixed-group", goes_on=True), "port-lost", slice(60, 80, 2)) == []

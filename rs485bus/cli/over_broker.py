@@ -12,6 +12,7 @@ from rs485bus.cli.axis import VERBS, Order, tell_failure
 from rs485bus.cli.process import DONE, UNKNOWN, WrongUse, console
 from rs485bus.errors import NotSupported, StopUnconfirmed
 from rs485bus.remote import RemotePlant, connect
+from rs485bus.remote.plant import Connecting
 from rs485bus.service.broker import Broker
 
 _NOT_SERVED = ("clear-fault",)
@@ -41,11 +42,11 @@ class Served:
             self._broker = Broker.at(broker, username=user, password=password, ca=None if ca is None else str(ca))
         except ValueError as error:
             raise WrongUse(str(error)) from None
-        self._plant = str(plant)
+        self.plant = str(plant)
 
-    def connect(self) -> Any:
+    def connect(self) -> Connecting:
         """The plant, for the length of a block."""
-        return connect(self._broker, plant=self._plant)
+        return connect(self._broker, plant=self.plant)
 
 
 async def run_order(served: Served, name: str, order: Order, as_json: bool) -> int:

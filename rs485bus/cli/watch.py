@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import itertools
 import sys
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from rs485bus.cli.process import DONE, FAILED, WrongUse, console
 from rs485bus.cli.session import Where, open_plant
 from rs485bus.errors import BusError
 from rs485bus.extras import brought_by
+from rs485bus.monitor.thread import BusThread, Watching
 from rs485bus.monitor.watcher import Watcher
 from rs485bus.plant import Plant
 
@@ -25,30 +26,44 @@ _TOLD = 1.0
 
 def run_monitor(where: Where, record: Path | None) -> int:
     """Show a plant live, until q. Returns the exit code."""
+    return show(lambda: _watched(where, record), lambda: where.file().name)
+
+
+def show(opening: Callable[[], AbstractAsyncContextManager[Watching]], title: Callable[[], str]) -> int:
+    """Show live what is watched, until q. Returns the exit code."""
     with brought_by("monitor", "textual", "The monitor needs"):
         from rs485bus.monitor.app import MonitorApp
-    from rs485bus.monitor.thread import BusThread
 
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise WrongUse("monitor draws on a terminal and reads its keys: run it in one, not in a pipe.")
-    with BusThread(lambda: _watched(where, record)) as buses:
-        MonitorApp(buses, where.file().name).run()
+    with BusThread(opening) as buses:
+        MonitorApp(buses, title()).run()
     return DONE
 
 
 async def run_record(where: Where, out: Path, *, every: float, seconds: float | None, max_bytes: int, keep: int) -> int:
     """Ask the axes of a plant again and again, and keep what happens in a capture. Returns the exit code."""
-    say = console()
     recordings: list[Recording] = []
     async with open_plant(where, watchdogs=False) as plant, AsyncExitStack() as stack:
         recordings += record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
-        names = ", ".join(str(recording.path) for recording in recordings)
-        until = "Ctrl-C ends it." if seconds is None else f"It takes {seconds:g} s."
-        say.print(f"Recording to {names}. {until}", markup=False, soft_wrap=True)
         watcher = Watcher.of(plant, every)
         watcher.start()
         stack.push_async_callback(watcher.aclose)
-        await asyncio.sleep(3600 * 24 * 365 if seconds is None else seconds)
+        await tell_and_wait(recordings, seconds)
+    return tell_end(recordings)
+
+
+async def tell_and_wait(recordings: list[Recording], seconds: float | None) -> None:
+    """Say what is recorded, and wait for the end."""
+    names = ", ".join(str(recording.path) for recording in recordings)
+    until = "Ctrl-C ends it." if seconds is None else f"It takes {seconds:g} s."
+    console().print(f"Recording to {names}. {until}", markup=False, soft_wrap=True)
+    await asyncio.sleep(3600 * 24 * 365 if seconds is None else seconds)
+
+
+def tell_end(recordings: list[Recording]) -> int:
+    """Say what was recorded. Returns the exit code."""
+    say = console()
     failed = False
     for recording in recordings:
         failed = failed or recording.error is not None or not recording.count
@@ -62,14 +77,18 @@ def record_to(
     plant: Plant, out: Path, stack: AsyncExitStack, *, max_bytes: int = MAX_BYTES, keep: int = KEEP
 ) -> list[Recording]:
     """Record each bus of a plant: to `out`, or where there are several to one file each, named after the bus."""
+    return [
+        stack.enter_context(plant.buses[name].record_to(path, max_bytes=max_bytes, keep=keep))
+        for name, path in paths(out, plant.buses).items()
+    ]
+
+
+def paths(out: Path, buses: Collection[str]) -> dict[str, Path]:
+    """Where each bus is recorded to, by its name. Raises `ValueError` where there is no such folder."""
     if not out.parent.is_dir():
         raise ValueError(f"There is no folder {out.parent} to write {out.name} to.")
-    several = len(plant.buses) > 1
-    recordings = []
-    for name, bus in plant.buses.items():
-        path = out.with_name(f"{out.stem}.{name}{out.suffix}") if several else out
-        recordings.append(stack.enter_context(bus.record_to(path, max_bytes=max_bytes, keep=keep)))
-    return recordings
+    several = len(buses) > 1
+    return {name: out.with_name(f"{out.stem}.{name}{out.suffix}") if several else out for name in buses}
 
 
 def _watched(where: Where, record: Path | None) -> AbstractAsyncContextManager[Watcher]:

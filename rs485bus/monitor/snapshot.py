@@ -19,6 +19,10 @@ from rs485bus.devices.zlac import registers as zlac
 from rs485bus.wire.timing import LineSettings
 
 _SECOND = 1.0
+_TOO_SOON = 0.005
+"""Seconds between two positions that tell no speed."""
+_OLD = 1.0
+"""Seconds between two positions that tell nothing of the speed now."""
 _SHOWN = 60
 """Transactions kept to be shown."""
 _SILENT = 3
@@ -74,6 +78,52 @@ class BusSight(NamedTuple):
     families: Mapping[int, str]
 
 
+class Place(NamedTuple):
+    """Where an axis was last seen, and how fast it turned."""
+
+    at: float
+    position: float | None
+    rpm: float | None
+
+    def speed(self, at: float, position: float | None, units_per_turn: float) -> float | None:
+        """How fast it turns, by how far it has come: what a drive said of its speed may have been said long ago."""
+        if position is None or self.position is None or at - self.at > _OLD:
+            return None
+        if at - self.at < _TOO_SOON:
+            return self.rpm
+        return 60 * (position - self.position) / units_per_turn / (at - self.at)
+
+
+NOWHERE = Place(float("-inf"), None, None)
+
+
+def state_of(
+    *,
+    connected: bool,
+    silent: bool,
+    latched: bool,
+    wrong: str,
+    known: bool,
+    moving: bool | None,
+    rpm: float | None,
+    enabled: bool | None,
+) -> str:
+    """What an axis does, in one word."""
+    if not connected:
+        return "NO PORT"
+    if silent:
+        return "SILENT"
+    if latched:
+        return "E-STOP"
+    if wrong:
+        return "FAULT"
+    if not known:
+        return "unknown"
+    if moving or (moving is None and abs(rpm or 0.0) >= 1.0):
+        return "moving"
+    return "released" if enabled is False else "stands"
+
+
 class Snapshot(NamedTuple):
     """Everything."""
 
@@ -120,7 +170,10 @@ class BusLedger:
 
     def add(self, record: Record) -> None:
         """The bus has carried out an exchange."""
-        exchange = exchange_of(record, 0.0)
+        self.take(exchange_of(record, 0.0))
+
+    def take(self, exchange: Exchange) -> None:
+        """The same of an exchange that was told elsewhere. Its times are those of whoever asks."""
         self.latest.append(exchange)
         answered = exchange.outcome == "reply"
         airtime = self.line.airtime(len(exchange.request) + len(exchange.reply))

@@ -6,12 +6,27 @@ import asyncio
 import threading
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from rs485bus.monitor.snapshot import Snapshot
-from rs485bus.monitor.watcher import Watcher
 
 T = TypeVar("T")
+
+
+class Watching(Protocol):
+    """What watches a plant: a `Watcher` in this program, a `ServedWatcher` of one that is served."""
+
+    def start(self) -> None: ...
+
+    async def aclose(self) -> None: ...
+
+    def snapshot(self) -> Snapshot: ...
+
+    def stop(self, name: str) -> None: ...
+
+    def stop_all(self) -> None: ...
+
+    def emergency_stop(self) -> None: ...
 
 
 class BusThread:
@@ -21,9 +36,9 @@ class BusThread:
         opening: makes a context manager that opens the plant and gives a watcher of it. Called in the thread.
     """
 
-    def __init__(self, opening: Callable[[], AbstractAsyncContextManager[Watcher]]) -> None:
+    def __init__(self, opening: Callable[[], AbstractAsyncContextManager[Watching]]) -> None:
         self._opening = opening
-        self._watcher: Watcher | None = None
+        self._watcher: Watching | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._leave: asyncio.Event | None = None
         self._error: BaseException | None = None
@@ -57,12 +72,12 @@ class BusThread:
         """What is seen now; None if it ended."""
         return self._ask(lambda watcher: watcher.snapshot())
 
-    def tell(self, act: Callable[[Watcher], None]) -> None:
+    def tell(self, act: Callable[[Watching], None]) -> None:
         """Have the watcher do something, without waiting for it."""
         if self._loop is not None and self._watcher is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(act, self._watcher)
 
-    def _ask(self, question: Callable[[Watcher], T]) -> T | None:
+    def _ask(self, question: Callable[[Watching], T]) -> T | None:
         answer = _Answer(question)
         if self._loop is None or self._watcher is None or not self._thread.is_alive():
             return None
@@ -93,12 +108,12 @@ class BusThread:
 
 
 class _Answer(Generic[T]):
-    def __init__(self, question: Callable[[Watcher], T]) -> None:
+    def __init__(self, question: Callable[[Watching], T]) -> None:
         self._question = question
         self.there = threading.Event()
         self.value: T | None = None
 
-    def give(self, watcher: Watcher) -> None:
+    def give(self, watcher: Watching) -> None:
         try:
             self.value = self._question(watcher)
         finally:

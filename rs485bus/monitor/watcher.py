@@ -12,14 +12,12 @@ from rs485bus.bus.bus import Bus
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.capture.traces import Trace
 from rs485bus.errors import BusError
-from rs485bus.monitor.snapshot import AxisSight, BusLedger, BusSight, Snapshot
+from rs485bus.monitor.snapshot import AxisSight, BusLedger, BusSight, Place, Snapshot, state_of
 from rs485bus.motion.events import Event, EventKind
 from rs485bus.plant import Plant
 
 EVERY = 0.2
 """Seconds after which an axis is asked anew."""
-_TOO_SOON = 0.005
-"""Seconds between two positions that tell no speed."""
 _NEWS = 30.0
 """Seconds for which bad news is shown."""
 _OLD = 1.0
@@ -191,19 +189,16 @@ class Watcher:
 
     def _state(self, axis: WatchedAxis, known: _Known, silent: bool, now: float) -> str:
         bus = axis.bus
-        if bus.closed or not bus.connected:
-            return "NO PORT"
-        if silent:
-            return "SILENT"
-        if bus.latched:
-            return "E-STOP"
-        if known.wrong:
-            return "FAULT"
-        if now - known.at > _OLD:
-            return "unknown"
-        if known.moving or (known.moving is None and abs(known.rpm or 0.0) >= 1.0):
-            return "moving"
-        return "released" if known.enabled is False else "stands"
+        return state_of(
+            connected=bus.connected and not bus.closed,
+            silent=silent,
+            latched=bus.latched,
+            wrong=known.wrong,
+            known=now - known.at <= _OLD,
+            moving=known.moving,
+            rpm=known.rpm,
+            enabled=known.enabled,
+        )
 
     def _bus(self, name: str, now: float) -> BusSight:
         bus, ledger = self._buses[name], self._ledgers[name]
@@ -260,20 +255,11 @@ async def _look_on(axis: WatchedAxis, known: _Known, every: float) -> None:
         known.at = asyncio.get_running_loop().time()
         return
     async for sample in samples(every):
-        known.rpm = _speed(axis, known, sample.at, sample.position)
+        known.rpm = Place(known.at, known.position, known.rpm).speed(sample.at, sample.position, axis.units_per_turn)
         known.at, known.position = sample.at, sample.position
         known.moving, known.enabled = sample.moving, sample.enabled
         stalled = "stalled" if sample.stalled else ""
         known.wrong = "; ".join(filter(None, (sample.fault, stalled, sample.limit, sample.lost)))
-
-
-def _speed(axis: WatchedAxis, known: _Known, at: float, position: float | None) -> float | None:
-    """How fast an axis turns, by how far it has come: what a drive said of its speed may have been said long ago."""
-    if position is None or known.position is None or at - known.at > _OLD:
-        return None
-    if at - known.at < _TOO_SOON:
-        return known.rpm
-    return 60 * (position - known.position) / axis.units_per_turn / (at - known.at)
 
 
 def _latest(trace: Trace, axis: WatchedAxis) -> tuple[float | None, float | None]:

@@ -28,6 +28,7 @@ from rs485bus.service.schema import (
     Gone,
     Message,
     Request,
+    TrafficReport,
     read,
     write,
 )
@@ -72,8 +73,11 @@ class Session:
         """Told of states and samples."""
         self.on_state: list[Callable[[str, AxisReport], None]] = []
         self.on_event: list[Callable[[AxisEvent], None]] = []
+        self.on_traffic: list[Callable[[str, TrafficReport], None]] = []
+        """Told of what happens on the buses, by name; it comes once `hear_traffic` was called."""
         self.on_lost: list[Callable[[], None]] = []
         self.connected = asyncio.Event()
+        self._hears_traffic = False
         self._loop = asyncio.get_running_loop()
         self._mqtt: Client | None = None
         self._found = asyncio.Event()
@@ -194,6 +198,15 @@ class Session:
         if self._mqtt is not None:
             self._mqtt.send(topic, write(message), qos=0)
 
+    async def hear_traffic(self) -> None:
+        """Have the broker hand on what happens on the buses, from now on."""
+        self._hears_traffic = True
+        if self._mqtt is not None:
+            await self._subscribe_to_traffic(self._mqtt)
+
+    async def _subscribe_to_traffic(self, client: Client) -> None:
+        await client.subscribe(self.topics.traffic("+"), options=NO_RETAINED)
+
     def _send(self, pending: Pending) -> None:
         client = self._mqtt
         if client is None or not (pending.timeless or self.clock.known):
@@ -255,6 +268,8 @@ class Session:
             told = [topics.service, topics.axis("+", "state"), topics.axis("+", "event"), topics.bus("+")]
             await client.subscribe([*own, *((topic, WITH_RETAINED) for topic in told)])
             await client.subscribe(topics.axis("+", "sample"), options=NO_RETAINED)
+            if self._hears_traffic:
+                await self._subscribe_to_traffic(client)
             self._mqtt = client
             self._connected_at = self._loop.time()
             self.connected.set()
@@ -336,6 +351,10 @@ class Session:
                     tell_event(event)
             case ["bus", name, "load"]:
                 self.buses[name] = read(BusReport, payload)
+            case ["bus", name, "traffic"]:
+                traffic = read(TrafficReport, payload)
+                for tell_traffic in tuple(self.on_traffic):
+                    tell_traffic(name, traffic)
             case ["service"]:
                 self._described(read(Description, payload))
 
@@ -351,7 +370,10 @@ class Session:
         self.requests.answered(answer, now)
 
     def _described(self, told: Description) -> None:
-        former, self.plant = self.plant, told
+        former = self.plant
+        if told.status == "offline" and former is not None:
+            told = former.model_copy(update={"status": "offline"})  # what there is is known still
+        self.plant = told
         self._trouble = None
         if told.status == "online":
             if former is not None and former.session != told.session:

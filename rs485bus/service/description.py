@@ -28,6 +28,8 @@ def online(machine: Machine, session: str) -> Description:
             name: AxisFacts(
                 family=axis.attached.family,
                 bus=buses.get(id(axis.bus), ""),
+                address=axis.attached.address,
+                unit=machine.unit(name),
                 units_per_turn=axis.units_per_turn,
                 rpm=axis.rpm,
                 acceleration=axis.acceleration,

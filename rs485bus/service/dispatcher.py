@@ -36,6 +36,7 @@ from rs485bus.service.reporter import Reporter
 from rs485bus.service.schema import Answer
 from rs485bus.service.topics import Topics
 from rs485bus.service.troubles import ending, trouble
+from rs485bus.service.verbs import ReadingAlong, Sampling
 
 _log = logging.getLogger("rs485bus.service")
 
@@ -209,10 +210,9 @@ class Dispatcher:
 
     def _ask(self, order: Order) -> None:
         """Answer a question. Of each question one is asked at a time, and answers all that came in before it began."""
-        if order.verb == "sample":
-            self._answer(
-                [order], Answer(id="", outcome="done", value=self.reporter.sample(order), now=self._clock.now())
-            )
+        if isinstance(order.arguments, Sampling | ReadingAlong):
+            value = self.reporter.subscribe(order)
+            self._answer([order], Answer(id="", outcome="done", value=value, now=self._clock.now()))
             return
         waiting = self._questions.get((order.name, order.verb))
         if waiting is not None:

@@ -104,6 +104,11 @@ class Machine:
         target, table = self._target(name)
         return {which: verb for which, verb in table.items() if which in _OURS or hasattr(target, which)}
 
+    def unit(self, name: str) -> str:
+        """What the positions of an axis are called."""
+        file = getattr(self.plant, "file", None)
+        return "turns" if file is None else str(file.axes[name].unit)
+
     # Verbs
 
     def begin(self, order: Order) -> Performance:

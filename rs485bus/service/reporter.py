@@ -16,7 +16,8 @@ from rs485bus.service.desk import Desk
 from rs485bus.service.machine import Performance, Plant
 from rs485bus.service.schema import AxisEvent, AxisReport
 from rs485bus.service.topics import Topics
-from rs485bus.service.verbs import Sampling
+from rs485bus.service.traffic import Traffic
+from rs485bus.service.verbs import ReadingAlong, Sampling
 from rs485bus.service.watch import Watch
 
 _log = logging.getLogger("rs485bus.service")
@@ -48,6 +49,7 @@ class Reporter:
         self._publish = publish
         self._period = 1 / rate
         self._watch = Watch(clock)
+        self._traffic = Traffic(plant.buses, clock, topics, publish)
         self._samplings: dict[str, dict[str, tuple[float, float]]] = {}
         """Of each axis, by client: every how many seconds, and until when."""
         self._numbers: defaultdict[tuple[str, str], itertools.count[int]] = defaultdict(itertools.count)
@@ -62,6 +64,7 @@ class Reporter:
                 if hasattr(axis, "events"):
                     group.create_task(self._report_events(name, axis))
             group.create_task(self._report_buses())
+            group.create_task(self._traffic.run())
 
     def began(self, order: Order, performance: Performance) -> None:
         """A verb has begun: what it moves is told at once."""
@@ -74,9 +77,12 @@ class Reporter:
         for axis in axes:
             self._changed[axis].set()
 
-    def sample(self, order: Order) -> float:
-        """Somebody wants samples of an axis for a while. Returns every how many seconds it gets them."""
+    def subscribe(self, order: Order) -> float | list[str]:
+        """Somebody wants samples of an axis for a while, or the traffic of the buses. Returns every how many seconds it
+        gets those samples, or the names of the buses."""
         wanted = order.arguments
+        if isinstance(wanted, ReadingAlong):
+            return self._traffic.want(order.client, wanted.seconds)
         assert isinstance(wanted, Sampling)
         self._samplings.setdefault(order.name, {})[order.client] = (wanted.every, self._clock.now() + wanted.seconds)
         self._changed[order.name].set()

@@ -177,6 +177,8 @@ class AxisReport(Told):
     """Who holds its lease."""
     stop: str | None = None
     """The id of the latest stop."""
+    watchdog: float | None = None
+    """Seconds to which its drive's watchdog is armed; None where none is."""
     connected: bool = True
     """Whether its port is there."""
     latched: bool = False
@@ -211,6 +213,9 @@ class BusReport(Told):
     n: int
     at: float
     port: str
+    baudrate: int = 115200
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: Literal[1, 2] = 1
     connected: bool
     latched: bool
     load: float
@@ -220,11 +225,23 @@ class BusReport(Told):
     units: dict[str, UnitReport]
 
 
+class TrafficReport(Told):
+    """What has happened on a bus, for who asked for its traffic."""
+
+    before: int
+    """Exchanges of this bus that were told before, or lost. Where one told less than this, some were lost."""
+    lines: list[str]
+    """Exchanges, as lines of a capture. Their times are the service's clock."""
+
+
 class AxisFacts(Told):
     """What does not change of an axis."""
 
     family: str
     bus: str
+    address: int = 0
+    unit: str = "turns"
+    """What its positions are called."""
     units_per_turn: float
     rpm: float
     acceleration: float
@@ -307,7 +324,19 @@ def _what_is_wrong(kind: type[Message], payload: bytes | str, error: ValidationE
 
 def json_schema() -> dict[str, Any]:
     """The JSON schema of every message, by its name."""
-    kinds = (Request, Stop, Presence, Gone, SetPoint, Answer, Holding, AxisReport, AxisEvent, BusReport, Description)
+    kinds: tuple[type[Message], ...] = (
+        Request,
+        Stop,
+        Presence,
+        Gone,
+        SetPoint,
+        Answer,
+        Holding,
+        AxisReport,
+        AxisEvent,
+        BusReport,
+    )
+    kinds += (TrafficReport, Description)
     return {kind.__name__: kind.model_json_schema() for kind in kinds}
 
 

@@ -83,6 +83,10 @@ class Topics:
         """Load and errors of a bus, retained."""
         return f"{self.root}/bus/{name}/load"
 
+    def traffic(self, name: str) -> str:
+        """What happens on a bus, while somebody asks for it."""
+        return f"{self.root}/bus/{name}/traffic"
+
     def parts(self, topic: str) -> list[str]:
         """The levels behind the plant's name; none for a topic of something else."""
         return topic[len(self.root) + 1 :].split("/") if topic.startswith(f"{self.root}/") else []

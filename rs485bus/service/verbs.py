@@ -85,6 +85,11 @@ class Sampling(Arguments):
     """For how long, unless it is asked for again."""
 
 
+class ReadingAlong(Arguments):
+    seconds: Annotated[float, Field(gt=0, le=LONGEST_SAMPLING)] = 10.0
+    """For how long, unless it is asked for again."""
+
+
 @dataclass(frozen=True, slots=True)
 class Verb:
     """What can be asked."""
@@ -131,6 +136,7 @@ PLANT = {
     "take_control": Verb(TakeControl, leased=False),
     "release_control": Verb(leased=False),
     "time": Verb(leased=False),
+    "traffic": Verb(ReadingAlong, leased=False),
 }
 
 

@@ -30,6 +30,7 @@ class Watch:
         """What is known of an axis, without a number. Its drive is asked for what is older than so many seconds."""
         sample = await _fresh(axis, every) if hasattr(axis, "samples") else await _asked(axis)
         bus = axis.bus
+        armed = bus.owner.feeding.get(axis.attached.address)
         return AxisReport(
             n=0,
             at=self._clock.now() if sample.position is None else self._clock.of_loop(sample.at),
@@ -41,6 +42,7 @@ class Watch:
             stalled=sample.stalled,
             limit=sample.limit,
             lost=sample.lost,
+            watchdog=None if armed is None else armed.timeout,
             connected=bus.connected,
             latched=bus.latched,
             **known,
@@ -56,6 +58,9 @@ class Watch:
             n=next(self._numbers[name]),
             at=self._clock.now(),
             port=bus.port,
+            baudrate=bus.line.baudrate,
+            parity=bus.line.parity,
+            stopbits=bus.line.stopbits,
             connected=bus.connected,
             latched=bus.latched,
             load=(stats.airtime - before) / passed if passed > 0 else 0.0,

@@ -50,6 +50,7 @@ def test_every_topic_that_it_names_is_one() -> None:
         topics.service,
         *(topics.axis("x", what) for what in ("state", "sample", "event")),
         topics.bus("main"),
+        topics.traffic("main"),
         topics.request("x", "move_to"),
         topics.reply("CLIENT"),
         topics.presence("CLIENT"),

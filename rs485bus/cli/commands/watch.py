@@ -8,7 +8,20 @@ from typing import Annotated, Optional
 import typer
 
 from rs485bus.cli.commands.captures import Keep, MaxMegabytes
-from rs485bus.cli.options import AxisBaudrate, DrivePort, Mks, Plant, Sim, Tlr, Zlac, where
+from rs485bus.cli.options import (
+    AxisBaudrate,
+    BrokerUrl,
+    BrokerUser,
+    CaFile,
+    DrivePort,
+    Mks,
+    PasswordFile,
+    Plant,
+    Sim,
+    Tlr,
+    Zlac,
+    where,
+)
 
 
 def monitor(
@@ -23,8 +36,17 @@ def monitor(
         Optional[Path],  # noqa: UP045 - typer reads it
         typer.Option("--record", "-o", metavar="CAPTURE", help="Write a capture file, too."),
     ] = None,
+    broker: BrokerUrl = None,
+    user: BrokerUser = None,
+    password_file: PasswordFile = None,
+    ca: CaFile = None,
 ) -> None:
     """Show axes and bus live, with keys to stop one, to stop all, and to hold the view."""
+    if broker is not None:
+        from rs485bus.cli import over_broker, watch_over_broker
+
+        served = over_broker.Served(broker, plant, user, password_file, ca)
+        raise typer.Exit(watch_over_broker.run_monitor(served, record))
     from rs485bus.cli.watch import run_monitor
 
     raise typer.Exit(run_monitor(where(plant, port, baudrate, mks, tlr, zlac, sim), record))
@@ -46,11 +68,22 @@ def record(
     ] = None,
     max_megabytes: MaxMegabytes = 20.0,
     keep: Keep = 4,
+    broker: BrokerUrl = None,
+    user: BrokerUser = None,
+    password_file: PasswordFile = None,
+    ca: CaFile = None,
 ) -> None:
     """Ask the axes again and again, and keep what happens on the pair in a capture file."""
     from rs485bus.cli.process import start
     from rs485bus.cli.watch import run_record
 
-    there = where(plant, port, baudrate, mks, tlr, zlac, sim)
     size = round(max_megabytes * 1e6)
+    if broker is not None:
+        from rs485bus.cli import over_broker, watch_over_broker
+
+        served = over_broker.Served(broker, plant, user, password_file, ca)
+        start(
+            lambda: watch_over_broker.run_record(served, out, every=every, seconds=seconds, max_bytes=size, keep=keep)
+        )
+    there = where(plant, port, baudrate, mks, tlr, zlac, sim)
     start(lambda: run_record(there, out, every=every, seconds=seconds, max_bytes=size, keep=keep))

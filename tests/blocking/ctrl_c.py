@@ -30,6 +30,8 @@ from tests.blocking.support import virtual_time
 HANGS = 120
 """Half seconds after which a script is taken to hang. A time for which the system stops the process counts for one:
 a busy machine is no hang."""
+_LEAST_RPM = 0.1
+"""What a ZLAC8015D reports as the lowest speed."""
 
 
 def moves(bus: blocking.Bus) -> None:
@@ -91,12 +93,15 @@ class Plant:
     def __init__(self) -> None:
         mks, zlac, tlr = (SimMks(1), SimMks(2)), SimZlac(3, watchdog=0), SimTlr(4)
         self._watched = (*mks, zlac)
-        self._moving = (*mks, tlr, *(wheel.motor for wheel in zlac.wheels))
+        self._moving = (*mks, tlr)
+        self._wheels = tuple(wheel.motor for wheel in zlac.wheels)
         self.line = VirtualLine(*mks, zlac, tlr)
 
     def wrong(self, now: float) -> list[str]:
         """What is not as it should be when a program was interrupted."""
         turning = [f"{type(motor).__name__} turns" for motor in self._moving if motor.moving(now)]
+        # Each stop begins the ramp of these anew: the last hundredths of a rpm are told by no register.
+        turning += ["a wheel turns" for wheel in self._wheels if abs(wheel.rpm(now)) >= _LEAST_RPM]
         watched = [f"{type(drive).__name__} is watched" for drive in self._watched if drive.watchdog_ms]
         return turning + watched
 

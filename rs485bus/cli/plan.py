@@ -75,7 +75,9 @@ def _tell(pair: PairPlan, rates: list[PairPlan], most: int, compared: list[Any],
         "all moving": f"{pair.load_moving:.1%} load; the pair is taken {pair.busy_moving:.0%} of the time",
         "a stop waits": f"{1000 * pair.stop_wait:.1f} ms at the most, {1000 * pair.stop_wait_silent:.1f} ms behind a "
         f"drive that is silent; all are stopped {1000 * pair.stop_all:.0f} ms later",
-        "set-points": f"about {pair.set_point_rate:.0f} times a second to each axis, where all are streamed at once",
+        "set-points": f"{pair.set_point_rate:.0f} times a second to each axis, where all are streamed at once"
+        if pair.set_point_rate
+        else "all axes cannot be streamed at once",
         "it fits": "yes" if pair.fits else f"NO: {pair.problem}",
         "drives": f"up to {most} of these kinds fit at this rate",
     }
@@ -87,7 +89,7 @@ def _tell(pair: PairPlan, rates: list[PairPlan], most: int, compared: list[Any],
             f"{other.line.baudrate}",
             "yes" if other.fits else "NO",
             f"{other.poll_rate:.0f}",
-            f"{other.set_point_rate:.0f}",
+            f"{other.set_point_rate:.0f}" if other.set_point_rate else "-",
             f"{other.busy_moving:.0%}",
             f"{1000 * other.stop_wait:.1f} ms",
         )

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import random
-from contextlib import AsyncExitStack
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.devices.axis import Axis
-from rs485bus.planning.frames import OFTEN, WRITES, set_points
 from rs485bus.planning.plan import PairPlan, settle, virtual_plant
+from rs485bus.planning.streams import between_set_points
 from rs485bus.plant import Plant, PlantFile
 from rs485bus.sim import VirtualClockLoop
 
 _CYCLES = 20
 _STOPS = 60
-_ROUGHLY = 0.25
-_STREAMS = 3.0
-"""Seconds."""
+_OFTEN = 0.0031
+"""Seconds between two set-points: not those by which the plan was made."""
 _APART = 0.02
 """Seconds between two cycles: who asks at once again may be told what was just asked."""
 _JUST_AFTER = 1e-5
@@ -64,40 +61,15 @@ async def _check(pair: PairPlan, file: PlantFile) -> list[Measured]:
         load = (bus.stats.airtime - before) / (loop.time() - began)
         found = [Measured("load while standing", pair.load_standing, load)]
         found.append(Measured("positions asked in turn", pair.poll_rate, 1 / await _cycle(plant, pair)))
-        if all(len(drive.axes) == 1 for drive in pair.drives):  # two wheels share frames as their streams allow
-            rate = await _set_points(plant, pair)
-            found.append(Measured("set-points to the slowest axis", pair.set_point_rate, rate, _ROUGHLY))
+        _, apart = await between_set_points(list(plant.axes.values()), _OFTEN)
+        if apart:
+            found.append(Measured("set-points to the slowest axis", pair.set_point_rate, 1 / apart))
         found.append(
             Measured(
                 "longest wait of a stop behind them", pair.stop_wait_behind_positions, await _stop_wait(plant, pair)
             )
         )
     return found
-
-
-async def _set_points(plant: Plant, pair: PairPlan) -> float:
-    """How often a second the slowest drive is told another speed, where all are streamed as fast as can be."""
-    loop, bus, axes = asyncio.get_running_loop(), plant.buses[pair.bus], list[Any](plant.axes.values())
-    writes: list[Record] = []
-
-    def see(record: Record) -> None:
-        if record.request[1] in WRITES:
-            writes.append(record)
-
-    async with AsyncExitStack() as streams:
-        tell = [await streams.enter_async_context(axis.stream(timeout=1.0)) for axis in axes]
-        began, ends, listening = loop.time(), loop.time() + _STREAMS, None
-        for speed in itertools.cycle(range(10, 40)):
-            for set_point in tell:
-                set_point(float(speed))
-            await asyncio.sleep(OFTEN)
-            if listening is None and loop.time() > began + 1:
-                listening, began = bus.subscribe(see), loop.time()
-            if loop.time() > ends:
-                break
-        seconds = loop.time() - began
-    told = [set_points(each for each in writes if each.address == drive.address) for drive in pair.drives]
-    return min(told) / seconds
 
 
 async def _cycle(plant: Plant, pair: PairPlan) -> float:

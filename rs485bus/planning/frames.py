@@ -6,8 +6,6 @@ So nothing is said twice: what a question for the position costs is what the fac
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import itertools
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -16,18 +14,13 @@ from typing import Any, NamedTuple
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.watchdog.reckoning import SHARE
-from rs485bus.errors import NotSupported
 from rs485bus.plant import AxisEntry, Plant, PlantFile
 from rs485bus.sim import VirtualClockLoop
-from rs485bus.wire.answers import WRITE_MULTIPLE, WRITE_SINGLE
 
 _WATCHED = 4.0
 """Seconds for which a drive is listened to."""
 _SETTLES = 1.0
 _LEISURE = 3.0
-OFTEN = 0.004
-"""Seconds between two set-points, which is more often than they can be sent."""
-WRITES = (WRITE_SINGLE, WRITE_MULTIPLE)
 _SPEED = 30.0
 """rpm at which a drive turns meanwhile."""
 
@@ -68,10 +61,6 @@ class DriveTraffic:
     """The watchdog's time for which that is done, in seconds; 0 for none. One that a drive was shipped with counts."""
     stops: tuple[Frame, ...]
     """What stops all its axes."""
-    set_points: _Rates
-    """What tells all its axes another speed in a stream: how many of each frame, and what."""
-    streaming: _Rates
-    """What else is sent meanwhile: how often a second, and what."""
     moving: _Rates
     """What is sent while all its axes turn and nobody asks anything: how often a second, and what."""
 
@@ -134,7 +123,7 @@ async def _learn(file: PlantFile, names: Sequence[str]) -> DriveTraffic:
         bus.subscribe(records.append)
         for axis in axes:
             await axis.position()
-        positions = [_frame(record) for record in records if record.urgency is not Urgency.FEED]
+        positions = [frame_of(record) for record in records if record.urgency is not Urgency.FEED]
         records.clear()
         await asyncio.sleep(max(_WATCHED, 3 * _LEISURE))
         feeds = [record for record in records if record.urgency is Urgency.FEED]
@@ -145,14 +134,9 @@ async def _learn(file: PlantFile, names: Sequence[str]) -> DriveTraffic:
         await asyncio.sleep(_WATCHED)
         watched = _rates(records, _WATCHED)
         records.clear()
-        streams = []
-        for axis in axes:
-            with contextlib.suppress(NotSupported):
-                streams.append(await _streamed(axis, records))
-        records.clear()
         for stop in [axis.stop() for axis in axes]:
             await stop
-        stops = [_frame(record) for record in records if record.urgency is Urgency.STOP]
+        stops = [frame_of(record) for record in records if record.urgency is Urgency.STOP]
     fed = entry.watchdog or _apart(feeds) / SHARE
     return DriveTraffic(
         address=entry.address,
@@ -161,43 +145,20 @@ async def _learn(file: PlantFile, names: Sequence[str]) -> DriveTraffic:
         axes=tuple(names),
         watchdog=entry.watchdog,
         positions=tuple(positions),
-        feed=_usual(map(_frame, feeds)),
+        feed=_usual(map(frame_of, feeds)),
         fed_rate=1 / (SHARE * fed) if fed else 0.0,
         fed=fed,
         stops=tuple(stops),
-        set_points=tuple(one for told, _ in streams for one in told) or tuple((1.0, frame) for frame in stops),
-        streaming=tuple(look for _, looks in streams for look in looks) or watched,
         moving=watched,
     )
 
 
-async def _streamed(axis: Any, records: list[Record]) -> tuple[_Rates, _Rates]:
-    """What one set-point of a stream sends, and what else is sent each second, where they come as fast as can be."""
-    async with axis.stream(timeout=1.0) as setpoint:
-        ends = asyncio.get_running_loop().time() + _SETTLES + _WATCHED
-        for speed in itertools.cycle(range(10, 10 + round(_SPEED))):
-            setpoint(float(speed))
-            await asyncio.sleep(OFTEN)
-            left = ends - asyncio.get_running_loop().time()
-            if left > _WATCHED:
-                records.clear()
-            elif left <= 0:
-                break
-    writes = [record for record in records if record.request[1] in WRITES]
-    looks = [record for record in records if record.request[1] not in WRITES]
-    return _rates(writes, set_points(writes)), _rates(looks, _WATCHED)
-
-
-def set_points(writes: Iterable[Record]) -> int:
-    """How many set-points some writes to one drive are. One may take several, some of them to the same register."""
-    return min(Counter(record.request[2:4] for record in writes).values(), default=0)
-
-
 def _rates(records: Iterable[Record], per: float) -> _Rates:
-    return tuple((count / per, frame) for frame, count in Counter(map(_frame, records)).items())
+    return tuple((count / per, frame) for frame, count in Counter(map(frame_of, records)).items())
 
 
-def _frame(record: Record) -> Frame:
+def frame_of(record: Record) -> Frame:
+    """A transaction, in bytes."""
     return Frame(len(record.request), len(record.reply))
 
 

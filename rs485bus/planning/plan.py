@@ -15,8 +15,8 @@ from dataclasses import dataclass, field, replace
 from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.watchdog.reckoning import SHARE
 from rs485bus.errors import WatchdogInfeasible
-from rs485bus.motion.look_budget import SHARE as MOST_LOOKS
 from rs485bus.planning.frames import DriveTraffic, Frame, learn
+from rs485bus.planning.streams import between_set_points
 from rs485bus.plant import Plant, PlantFile
 from rs485bus.sim import VirtualClockLoop, VirtualLine
 from rs485bus.wire.timing import LineSettings
@@ -40,6 +40,9 @@ class PairPlan:
     silence: float
     turnaround: float
     drives: tuple[DriveTraffic, ...]
+    between_set_points: Mapping[Frame, float] = field(default_factory=dict)
+    """What is sent from one set-point of the slowest axis to its next, where all are streamed at once: how many of each
+    frame."""
     numbers: Mapping[str, float] = field(default_factory=dict)
     """What feeding the watchdogs takes, as in `WatchdogInfeasible.numbers`; empty where none is armed."""
     refused: str = ""
@@ -109,23 +112,10 @@ class PairPlan:
 
     @property
     def set_point_rate(self) -> float:
-        """How often a second the axes of the slowest drive can be told another speed, where all are streamed at once.
-
-        The drives take turns, a frame each. An estimate, up to a fifth too low: a streamed axis is looked at less
-        often on a busy pair.
-        """
-        return min((self._set_points(drive) for drive in self.drives), default=0.0)
-
-    def _set_points(self, drive: DriveTraffic) -> float:
-        looks = sum(rate * self.takes(frame) for each in self.drives for rate, frame in each.streaming)
-        turns = [sum(count for count, _ in each.set_points) for each in self.drives]
-        each_takes = [
-            sum(count * self.takes(frame) for count, frame in each.set_points) / frames
-            for each, frames in zip(self.drives, turns, strict=True)
-            if frames
-        ]
-        frames = sum(count for count, _ in drive.set_points)
-        return (1 - min(looks, MOST_LOOKS)) / sum(each_takes) / frames if frames else 0.0
+        """How often a second the slowest axis can be told another speed, where all are streamed at once. 0 where so
+        many may not turn at once."""
+        takes = sum(count * self.takes(frame) for frame, count in self.between_set_points.items())
+        return 1 / takes if takes else 0.0
 
     @property
     def fits(self) -> bool:
@@ -234,13 +224,15 @@ async def _admitted(pair: PairPlan, file: PlantFile, listen: bool) -> PairPlan:
 
 
 async def _listened(pair: PairPlan, plant: Plant) -> PairPlan:
-    """How often each drive is fed beside the others: those that are due soon are fed together."""
+    """How often each drive is fed beside the others, for those that are due soon are fed together; and what their
+    streams send."""
     listens = await settle(pair, plant)
     fed: Counter[int] = Counter()
     plant.buses[pair.bus].subscribe(lambda record: fed.update({record.address: record.urgency is Urgency.FEED}))
     await asyncio.sleep(listens)
     drives = tuple(replace(drive, fed_rate=fed[drive.address] / listens) for drive in pair.drives)
-    return replace(pair, drives=drives)
+    sent, _ = await between_set_points(list(plant.axes.values()))
+    return replace(pair, drives=drives, between_set_points=sent)
 
 
 async def settle(pair: PairPlan, plant: Plant) -> float:

@@ -98,6 +98,8 @@ def _words(wrong: Any, known: Sequence[str]) -> str:
     }
     if kind == "extra_forbidden":
         return f"there is no such key{instead(name, known)}"
+    if (kind == "missing" and isinstance(wrong["loc"][-1], int)) or kind in ("too_long", "too_short"):
+        return "must be a list of two values, like [0.0, 120.0]"  # no other list has a fixed length
     if kind == "missing":
         return f"it is missing; add a line {name} = ..."
     if kind in needed:

@@ -16,6 +16,7 @@ import rs485bus
 from rs485bus import errors, guide
 from rs485bus.cli.commands import COMMANDS
 from rs485bus.cli.lazy import load
+from rs485bus.plant import PlantFile
 from rs485bus.pytest_plugin.clock import VirtualClock
 from rs485bus.pytest_plugin.drives import VirtualDrives
 from rs485bus.pytest_plugin.faults import LineFaults
@@ -66,6 +67,15 @@ def test_every_command_of_a_page_is_one(page: str, block: Block) -> None:
             assert {word for word in words[2:] if word.startswith("--")} <= known, line
         elif words[1:2] == ["-m"] and words[2] not in ("venv", "pip"):
             assert importlib.util.find_spec(words[2]) is not None, line
+
+
+TOML = [(page, block) for page, text in TEXTS.items() for block in blocks(text) if block.language == "toml"]
+
+
+@pytest.mark.parametrize(("page", "block"), TOML, ids=str)
+def test_every_plant_file_of_a_page_is_right(page: str, block: Block) -> None:
+    if "[buses." in block.text:
+        PlantFile.loads(block.text)
 
 
 @pytest.mark.parametrize("name", TEXTS)

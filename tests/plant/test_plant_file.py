@@ -51,6 +51,8 @@ def test_a_plant_file_is_known_without_opening_anything() -> None:
         ('mode = "SR_VFOC"', 'mode = "SR"', 15, "axes.x.mode", "must be one of CR_OPEN"),
         ("[-20.0, 120.0]", "[120.0, -20.0]", 13, "axes.x.limits", "the wrong way round"),
         ("[-20.0, 120.0]", "120.0", 13, "axes.x.limits", "must be a list in brackets"),
+        ("[-20.0, 120.0]", "[0,]", 13, "axes.x.limits", "must be a list of two values"),
+        ("[-20.0, 120.0]", "[0, 1, 2]", 13, "axes.x.limits", "must be a list of two values"),
         ("watchdog = 1.0\nmode", "watchdog = 0\nmode", 14, "axes.x.watchdog", "greater than 0"),
         ("watchdog = 1.0\nmode", "watchdog = 0.001\nmode", 14, "axes.x.watchdog", "0.001 s is outside"),
         ('side = "right"', 'side = "rigth"', 31, "axes.right.side", 'side = "left" or side = "right"'),

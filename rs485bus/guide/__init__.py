@@ -24,6 +24,7 @@ TOPICS: dict[str, str] = {
     "repeat-rules": "what becomes of a write whose reply is lost (made from the registers)",
     "architecture": "the house, and the ways of a request, of a move, of a stop",
     "new-family": "how a drive of another maker is added",
+    "tried": "how long a new user took for four tasks, and where it stumbled",
     "contributing": "how to change it",
     "changelog": "what changed",
 }

@@ -6,6 +6,7 @@ import keyword
 import re
 import tomllib
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,8 @@ class _Reader:
         own = {key: value for key, value in table.items() if family is None or key in _Axis.model_fields}
         if family is None:
             own = {key: value for key, value in own.items() if key in _Axis.model_fields}
+            for key in get_close_matches("family", table.keys() - own.keys()):  # what else it takes, its family says
+                self._problems.add([*at, key], f"there is no such key{instead(key, ['family'])}")
         entry = validated(_Axis, own, at, self._problems)
         options: BaseModel | None = None
         if family is not None:

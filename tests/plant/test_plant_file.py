@@ -39,6 +39,7 @@ def test_a_plant_file_is_known_without_opening_anything() -> None:
     ("old", "new", "line", "field", "said"),
     [
         ("units_per_turn", "units_per_trun", 11, "axes.x.units_per_trun", 'Did you mean "units_per_turn"?'),
+        ('family = "tlr"', 'familiy = "tlr"', 18, "axes.y.familiy", 'Did you mean "family"?'),
         ('family = "tlr"', 'family = "tlrr"', 18, "axes.y.family", 'Did you mean "tlr"?'),
         ("address = 2", "address = 1", 19, "axes.y.address", "is the address of x, too"),
         ("address = 2", "address = 300", 19, "axes.y.address", "300 is outside 1..247"),

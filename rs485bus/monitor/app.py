@@ -23,7 +23,7 @@ from rs485bus.monitor.thread import BusThread
 _EVERY = 0.2
 _WIDE = 110
 """Columns from which on the bytes stand beside their meaning."""
-_COLUMNS = ((" axis", 13), ("state", 8), ("position", 12), ("target", 9), ("rpm", 7), ("set", 6), ("watchdog", 11))
+_COLUMNS = ((" axis", 13), ("state", 8), ("position", 15), ("target", 9), ("rpm", 7), ("set", 6), ("watchdog", 11))
 _STYLES = {"moving": "bold green", "stands": "", "released": "dim", "unknown": "yellow"}
 
 
@@ -151,11 +151,10 @@ class MonitorApp(App[None]):
 def _cells(axis: AxisSight) -> list[Text]:
     style = _STYLES.get(axis.state, "bold red")
     position = "-" if axis.position is None else f"{axis.position:.3f}"
-    unit = axis.unit if axis.unit != "turns" else "t"
     return [
         Text(f" {axis.name}", "bold"),
         Text(axis.state, style),
-        Text(f"{position} {unit[:3]}", justify="right"),
+        Text(f"{position} {axis.unit[:5]}", justify="right"),
         Text("" if axis.target is None else f"{axis.target:.3f}", justify="right"),
         Text("-" if axis.rpm is None else f"{axis.rpm:.1f}", justify="right"),
         Text("" if axis.set_point is None else f"{axis.set_point:g}", justify="right"),
@@ -191,7 +190,7 @@ def _bus_line(title: str, bus: BusSight, width: int) -> Text:
     if not bus.connected:
         return text.append("NOT CONNECTED", "bold red")
     text.append(f"load {bus.load:.0%}  {bus.rate}/s  {latency}  ", "not bold")
-    wrong = f"lost {bus.unanswered} ({bus.lost:.1%}) refused {bus.refused}"
+    wrong = f"lost {bus.unanswered} ({bus.lost:.1%})" + (f" refused {bus.refused}" if bus.refused else "")
     text.append(wrong, "red" if bus.unanswered or bus.refused else "dim not bold")
     text.truncate(width, overflow="ellipsis")
     return text

@@ -47,19 +47,27 @@ class ModbusTcpTransport:
     @property
     def silent_hint(self) -> str:
         """What to do where it never answers."""
+        if self._mbap.answers:
+            return ""
         return f"If the gateway is set to raw TCP (RTU over TCP, transparent), open {self._other_mode} instead."
 
     @property
     def diagnosis(self) -> str:
         """What has come that explains why answers do not; empty if nothing has."""
-        if not self._mbap.answers_in_rtu:
+        if self._mbap.answers_in_rtu:
+            return f"{self.name} answers in RTU frames, not in Modbus TCP: open {self._other_mode} instead."
+        complaint = self._mbap.complaint
+        if not complaint:
             return ""
-        return f"{self.name} answers in RTU frames, not in Modbus TCP: open {self._other_mode} instead."
+        return (
+            f"{self.name} does not keep to Modbus TCP: {complaint}. Look for new firmware; or set it to RTU over TCP, if "
+            f"it has that, and open {self._other_mode} instead."
+        )
 
     async def open(self, sink: Sink) -> None:
         """Connect. Raises `PortError`, which says what to do."""
         self._connection = None
-        self._mbap = Mbap()
+        self._mbap = Mbap(self._mbap)
         unwrapped = _Unwrapped(self._mbap, sink)
         self._connection = await connect(self.name, self._host, self._port, unwrapped, "Modbus TCP")
 

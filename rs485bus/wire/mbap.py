@@ -18,6 +18,7 @@ _HEADER = struct.Struct(">HHH")
 """Transaction number, protocol (0), and how many bytes follow: unit and PDU."""
 _LONGEST = 254
 _CRC = 2
+_SHOWN = 8
 _REMEMBERED = 64
 """How many of the latest requests are remembered."""
 
@@ -31,11 +32,17 @@ class Answer(NamedTuple):
 
 
 class Mbap:
-    """Both directions of one connection."""
+    """Both directions of one connection.
 
-    __slots__ = ("_asked", "_buffer", "_lost", "_number", "answers_in_rtu", "skipped")
+    Args:
+        before: the connection before this one, whose numbers go on: what the other end kept of it answers nothing here.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = ("_asked", "_buffer", "_lost", "_number", "_odd", "_unasked", "answers", "answers_in_rtu", "skipped")
+
+    def __init__(self, before: Mbap | None = None) -> None:
+        self.answers = 0
+        """Frames that came."""
         self.skipped = 0
         """Bytes that were no Modbus TCP."""
         self.answers_in_rtu = False
@@ -43,7 +50,11 @@ class Mbap:
         self._buffer = bytearray()
         self._lost = False
         """Where the next frame begins is not known."""
-        self._number = 0
+        self._number = 0 if before is None else before._number
+        self._odd = b""
+        """What came last that is no Modbus TCP, since something was answered."""
+        self._unasked: int | None = None
+        """A number that was answered and not asked under, since something was answered."""
         self._asked: OrderedDict[int, object] = OrderedDict()
 
     def wrap(self, adu: bytes, asked: object) -> bytes:
@@ -60,6 +71,21 @@ class Mbap:
         content = adu[:-_CRC]
         return _HEADER.pack(self._number, 0, len(content)) + content
 
+    @property
+    def complaint(self) -> str:
+        """What is wrong with what comes, in words; empty if nothing is."""
+        if len(self._buffer) > _HEADER.size:
+            announced = _HEADER.unpack_from(self._buffer)[2]
+            return f"an answer says that {announced} bytes follow its header, and {len(self._buffer) - _HEADER.size} did"
+        if self._odd:
+            return (
+                f"what comes has no header of Modbus TCP ({self._odd[:_SHOWN].hex(' ').upper()} ...), which is a "
+                f"transaction number, 00 00, and how many bytes follow, 2..{_LONGEST}"
+            )
+        if self._unasked is not None:
+            return f"answers come under transaction numbers that were not asked under ({self._unasked} was the latest)"
+        return ""
+
     def unwrap(self, data: bytes) -> list[Answer]:
         """Bytes came in; return the answers they complete."""
         buffer, answers, at = self._buffer, [], 0
@@ -70,6 +96,8 @@ class Mbap:
             number, protocol, length = _HEADER.unpack_from(buffer, at)
             # What follows something else is believed to be an answer if it was asked for.
             if protocol or not 2 <= length <= _LONGEST or (self._lost and number not in self._asked):
+                if not self._lost:
+                    self._odd = bytes(buffer[at:])
                 self._lost = True
                 self.skipped += 1
                 at += 1
@@ -79,6 +107,11 @@ class Mbap:
                 break
             content = bytes(buffer[at + _HEADER.size : end])
             answers.append(Answer(content + crc(content), self._asked.get(number)))
+            self.answers += 1
+            if number in self._asked:
+                self._odd, self._unasked = b"", None
+            else:
+                self._unasked = number
             self._lost = False
             at = end
         del buffer[:at]

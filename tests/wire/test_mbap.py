@@ -98,3 +98,33 @@ def test_a_frame_of_modbus_tcp_is_recognised() -> None:
     assert looks_like_mbap(answer(0x0103, bytes.fromhex("C5 C8 01")))
     assert not looks_like_mbap(b"")
     assert not looks_like_mbap(answer(1, bytes.fromhex("01 03 02 12 34"))[:-1])
+
+
+def test_on_a_new_connection_numbers_go_on_and_answers_kept_of_the_one_before_answer_nothing() -> None:
+    before = Mbap()
+    before.wrap(read_holding(1, 0, 1).adu, JOB)
+    mbap = Mbap(before)
+    assert mbap.wrap(read_holding(1, 5, 1).adu, OTHER)[:2] == b"\0\2"
+    stale, fresh = (answer(number, bytes.fromhex("01 03 02 12 34")) for number in (1, 2))
+    assert [found.asked for found in mbap.unwrap(stale + fresh)] == [None, OTHER]
+
+
+ANSWERED = bytes.fromhex("01 03 02 12 34")
+COMPLAINTS = [
+    (answer(2, ANSWERED), "under transaction numbers that were not asked under (2 was the latest)"),
+    (answer(0, ANSWERED), "not asked under (0 was"),
+    (b"\0\1\0\1\0\5" + ANSWERED, "no header of Modbus TCP (00 01 00 01 00 05 01 03 ...)"),
+    (b"\0\1\0\0\0\0" + ANSWERED, "no header of Modbus TCP (00 01 00 00 00 00 01 03 ...)"),
+    (b"\0\1\0\0\0\x09" + ANSWERED, "an answer says that 9 bytes follow its header, and 5 did"),
+]
+
+
+@pytest.mark.parametrize(("came", "said"), COMPLAINTS)
+def test_an_answer_that_does_not_keep_to_modbus_tcp_is_described_until_one_does(came: bytes, said: str) -> None:
+    mbap = Mbap()
+    mbap.wrap(read_holding(1, 0, 1).adu, JOB)
+    assert mbap.complaint == ""
+    mbap.unwrap(came)
+    assert said in mbap.complaint
+    mbap.unwrap(bytes(8) + answer(1, ANSWERED) * 2)
+    assert mbap.complaint == ""

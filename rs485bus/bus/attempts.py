@@ -6,6 +6,7 @@ from typing import Protocol
 
 from rs485bus.bus.clock import Clock
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.line.diagnosis import is_there
 from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.line.transaction import Kind, Received
 from rs485bus.bus.record import Journal, Record
@@ -197,7 +198,10 @@ class Attempts:
         job.unanswered += 1
         job.cuts += how == "cut"
         in_doubt = how == "no reply" and self._pair.exchange.is_in_doubt
-        job.heard = self._pair.exchange.heard() or job.heard
+        heard = self._pair.exchange.heard()
+        job.heard = heard or job.heard
+        if heard is not None and how == "no reply" and is_there(job.request, heard):
+            self._units.heard(unit, self._clock.now)
         owed_until = max(self._pair.owed_until, self._clock.now)
         unit.unheard(job.sent_at)
         self._units.owes(unit, job, owed_until)

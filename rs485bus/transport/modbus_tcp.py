@@ -60,8 +60,8 @@ class ModbusTcpTransport:
         if not complaint:
             return ""
         return (
-            f"{self.name} does not keep to Modbus TCP: {complaint}. Look for new firmware; or set it to RTU over TCP, if "
-            f"it has that, and open {self._other_mode} instead."
+            f"{self.name} does not keep to Modbus TCP: {complaint}. Look for new firmware; or set it to RTU over TCP, "
+            f"if it has that, and open {self._other_mode} instead."
         )
 
     async def open(self, sink: Sink) -> None:

@@ -76,7 +76,9 @@ class Mbap:
         """What is wrong with what comes, in words; empty if nothing is."""
         if len(self._buffer) > _HEADER.size:
             announced = _HEADER.unpack_from(self._buffer)[2]
-            return f"an answer says that {announced} bytes follow its header, and {len(self._buffer) - _HEADER.size} did"
+            return (
+                f"an answer says that {announced} bytes follow its header, and {len(self._buffer) - _HEADER.size} did"
+            )
         if self._odd:
             return (
                 f"what comes has no header of Modbus TCP ({self._odd[:_SHOWN].hex(' ').upper()} ...), which is a "

@@ -73,6 +73,9 @@ FRAMES = [
     (write_multiple(1, 3, [7, 8]), closed("01 10 00 03 00 01"), "repeats other values than were sent"),
     (READ, read_input(9, 0x31, 2).adu, "Somebody else asks on this pair (09 04 00 31 00 02"),
     (READ, b"\0\0" + closed("05 03 02 00 01") + b"\xff", "address 5 answered"),
+    (READ, closed("00 03 02 00 01"), "address 0 answered"),
+    (READ, closed("FF 03 02 00 01"), "address 255 answered"),
+    (READ, closed("01 83"), "An exception came without its code (01 83 41 81): the device refuses function 03"),
     (READ, closed("05 18 00 06 00 02 01 B8 12 84"), "address 5 answered"),
     (READ, closed("05 2B 0E 01 01 00 00 01 00 02 41 42"), "address 5 answered"),
 ]

@@ -94,6 +94,29 @@ def test_answers_that_come_late_are_signs_of_life() -> None:
     assert not any(job.reason is Reason.OFFLINE for job in ended)
 
 
+@pytest.mark.parametrize(
+    "said", ["01 03 06 00 01 00 02 00 03", "01 03 00", "01 04 04 00 01 00 02", "01 10 00 00 00 02", "01 83", "01 84 02"]
+)
+def test_what_only_the_unit_itself_can_have_said_is_one_though_it_answers_nothing(said: str) -> None:
+    body = bytes.fromhex(said)
+    unit = Odd(1, lambda frame, reply: body + crc(body))
+    rig = Rig(unit, config=FIRM)
+    ended = keep_asking(rig, SOME)
+    rig.run(10.0)
+    assert {job.outcome for job in ended} == {Outcome.NO_REPLY}
+    assert len(ended) > 10
+
+
+@pytest.mark.parametrize("said", ["02 03 06 00 01 00 02 00 03", "01 03 00 07 00 01", "01 06 00 07 00 01", "01 84 0B"])
+def test_what_another_may_have_said_is_none(said: str) -> None:
+    body = bytes.fromhex(said)
+    unit = Odd(1, lambda frame, reply: body + crc(body))
+    rig = Rig(unit, config=FIRM)
+    ended = keep_asking(rig, SOME)
+    rig.run(10.0)
+    assert Reason.OFFLINE in {job.reason for job in ended}
+
+
 def test_what_a_gateway_says_of_a_unit_is_none() -> None:
     rig = Rig(Odd(1, lambda frame, reply: refused(frame, 11)))
     ended = keep_asking(rig, SOME)

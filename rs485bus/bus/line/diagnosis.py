@@ -28,7 +28,7 @@ from rs485bus.wire.answers import (
     sized_by_count,
 )
 from rs485bus.wire.crc import ends_in_crc
-from rs485bus.wire.exceptions import exception
+from rs485bus.wire.exceptions import exception, is_a_gateways
 from rs485bus.wire.frames import EXCEPTION_LENGTH, MAX_ADDRESS, MAX_FRAME, Request
 
 CHECK = "Check the device's power, address, baud rate and parity, and the wires A and B."
@@ -45,6 +45,8 @@ _FIXED = {WRITE_COIL: 8, WRITE_SINGLE: 8, WRITE_COILS: 8, WRITE_MULTIPLE: 8, MAS
     EVENT_COUNTER: 8,
 }
 _HIGHEST_FUNCTION = ENCAPSULATED
+_NO_CODE = EXCEPTION_LENGTH - 1
+"""Bytes of an exception that lacks its code, as some devices send it."""
 _MBAP = 6
 """Bytes before the unit in a Modbus TCP frame: transaction, protocol (0), length of what follows."""
 _ASCII = re.compile(rb":((?:[0-9A-F]{2}){3,})\r\n")
@@ -90,6 +92,20 @@ def tell(request: Request, heard: Heard | None) -> str:
     return ""
 
 
+def is_there(request: Request, heard: Heard) -> bool:
+    """Whether the device asked has said something, though it was no answer. What another master may have said to it,
+    and what a gateway says of it, is no sign of that."""
+    rest, _ = _without_echo(request, heard)
+    return any(frame[0] == request.address and _is_only_said_by_devices(frame) for frame in _frames(rest))
+
+
+def _is_only_said_by_devices(frame: bytes) -> bool:
+    function = frame[1]
+    if function > 0x80:
+        return not is_a_gateways(frame)
+    return function in (WRITE_COILS, WRITE_MULTIPLE) or (function <= READ_INPUT and len(frame) != _REQUEST_LENGTH)
+
+
 def _without_echo(request: Request, heard: Heard) -> tuple[bytes, bool]:
     """What came but for our own bytes; and whether they came back, if only in part."""
     before, mark, behind = heard.rest.partition(request.adu[-4:])
@@ -113,6 +129,11 @@ def _frame(request: Request, rest: bytes) -> str:
             f"Instead, address {address} answered ({shown}). Check the address of the device, and that no two devices "
             f"have the same. {_SECOND_MASTER}"
         )
+    if len(frame) == _NO_CODE:
+        return (
+            f"An exception came without its code ({shown}): the device refuses function {function & 0x7F:02}, and does "
+            "not say why. It does not keep to Modbus there."
+        )
     if function > 0x80:
         return f"{_an_exception(frame)} came to function {function & 0x7F:02}, which was not asked. {_SECOND_MASTER}"
     if function == request.function and len(frame) == request.length:
@@ -128,8 +149,8 @@ def _frame(request: Request, rest: bytes) -> str:
 
 def _frames(rest: bytes) -> Iterator[bytes]:
     """The whole frames in some bytes, replies or requests."""
-    for begin in range(len(rest) - EXCEPTION_LENGTH + 1):
-        if 1 <= rest[begin] <= MAX_ADDRESS and 1 <= rest[begin + 1] & 0x7F <= _HIGHEST_FUNCTION:
+    for begin in range(len(rest) - _NO_CODE + 1):
+        if 1 <= rest[begin + 1] & 0x7F <= _HIGHEST_FUNCTION:
             for length in _lengths(rest[begin : begin + MAX_FRAME]):
                 frame = rest[begin : begin + length]
                 if len(frame) == length and ends_in_crc(frame):
@@ -141,6 +162,7 @@ def _lengths(data: bytes) -> Iterator[int]:
     function = data[1]
     if function >= 0x80:
         yield EXCEPTION_LENGTH
+        yield _NO_CODE
     elif function in _FIXED:
         yield _FIXED[function]
     elif function == READ_FIFO:

@@ -50,7 +50,7 @@ class Mbap:
         self._buffer = bytearray()
         self._lost = False
         """Where the next frame begins is not known."""
-        self._number = 0 if before is None else before._number
+        self._number: int = 0 if before is None else before._number
         self._odd = b""
         """What came last that is no Modbus TCP, since something was answered."""
         self._unasked: int | None = None

@@ -337,3 +337,23 @@ async def test_emergency_stops_are_on_the_wire_before_anybody_is_told(caplog: py
         made.line.transmit = sending  # type: ignore[method-assign]
         bus.emergency_stop()
         assert order[:2] == ["sent", "told"]
+
+
+@pytest.mark.parametrize("deaf_for", [0.8, 2.0, 4.5, 60.0])
+@virtual
+async def test_a_motor_that_turns_and_does_not_hear_is_stopped_as_long_as_closing_may_take(deaf_for: float) -> None:
+    made = plant()
+    (sim,) = made.sims
+    loop = asyncio.get_running_loop()
+    hears = sim.receive
+    with pytest.raises(ZeroDivisionError):
+        async with bus_on(made) as (bus, (x,)):
+            await x.enable()
+            await x.run(60)
+            until, begun = loop.time() + deaf_for, loop.time()
+            sim.receive = lambda frame, now: hears(frame, now) if now > until else None  # type: ignore[method-assign]
+            raise ZeroDivisionError
+    took = loop.time() - begun
+    assert took < (deaf_for + 0.2 if deaf_for < 5 else 5.0)
+    assert made.stands() is (deaf_for < 5)
+    assert [halted.standing for halted in bus.stopped] == [deaf_for < 5]

@@ -154,6 +154,8 @@ class Halt:
         self._evidence_from = _FOREVER
         """When the first stop of the latest order was sent: what was asked before shows nothing."""
         self._acknowledged = False
+        self._is_heard = False
+        """One frame of the last stop was acknowledged, if not all of them."""
         self._took = 0.0
         """Seconds that the last stop took on the wire."""
         self._said_so_at = NEVER
@@ -236,7 +238,7 @@ class Halt:
 
     def _stop(self, pacing: Pacing) -> Procedure[None]:
         """Say it once."""
-        self._acknowledged = True
+        self._acknowledged, self._is_heard = True, False
         for request in self._stop_frames():
             stop = Job(
                 request,
@@ -254,13 +256,14 @@ class Halt:
             said_so = stop.outcome is Outcome.REPLY or (stop.outcome is Outcome.REFUSED and stop.code is None)
             self._took = stop.ended_at - stop.sent_at
             self._acknowledged = self._acknowledged and said_so
+            self._is_heard = self._is_heard or said_so
         self._detector.stop_sent()
         self.stops += 1
         self._unacknowledged = 0 if self._acknowledged else self._unacknowledged + 1
 
     def _is_worth_a_look(self, pacing: Pacing) -> bool:
         """Whether it may answer. One that is not heard is only told to stop, again and again."""
-        if self._acknowledged or not self._is_pressing(pacing):
+        if self._is_heard or not self._is_pressing(pacing):
             return True
         return not pacing.is_noisy(self._now) and (self.told is None or self.stops % _BLIND == 0)
 

@@ -91,6 +91,10 @@ class Attempts:
         """How often a job is repeated."""
         return self._repeating.retries_of(job)
 
+    def send_none_again(self, now: float) -> None:
+        """What was submitted until now is not sent again, nor read back, but stops and the bus' own."""
+        self._repeating.flushed_at = now
+
     def end_all(self) -> list[Job]:
         """The jobs that may be answered while others are served: no answer can come any more."""
         return self.lingering.end_all() + self.pipeline.end_all()

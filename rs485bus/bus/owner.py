@@ -302,7 +302,8 @@ class Owner:
         self._stops_are_out()
 
     def flush(self, reason: Reason) -> None:
-        """End every job that waits but the bus' own and stops."""
+        """End every job that waits but the bus' own and stops. What is on the wire is not sent again."""
+        self._attempts.send_none_again(self._clock.now)
         self._flush(self.queue, lambda job: not job.internal and job.urgency is not Urgency.STOP, reason)
 
     def _stops_are_out(self) -> None:
@@ -312,8 +313,6 @@ class Owner:
                 callback()
             except Exception:
                 _log.exception("what was to be called when the stops were out failed")
-
-    # One transaction
 
     def _send(self, job: Job, start: float) -> bytes:
         self.send_at = start

@@ -16,9 +16,9 @@ from rs485bus.wire.registers import Repeat
 from tests.endings.cable import Cable
 from tests.endings.calls import Boom, leaves
 from tests.endings.port import CablePort
-from tests.endings.records import Setting
+from tests.endings.records import Setting, Step
 from tests.endings.slaves import Mks, Reaction, Slave
-from tests.endings.world import World
+from tests.endings.world import World, play
 
 PLAIN = Setting(echo_config=False)
 
@@ -212,3 +212,33 @@ def test_a_watchdog_block_entered_while_the_port_is_away_ends() -> None:
     assert len(took) == 2
     assert took[0] <= 40
     assert took[1] <= 3
+
+
+SLOW = Setting(baudrate=9600, echo_config=False)
+
+
+def test_who_was_cut_short_by_stops_waits_no_longer_for_a_busy_device() -> None:
+    """DESIGN 5: a device that says it is busy is asked again after a pause, which counts the times it said so."""
+    steps = [
+        Step(0.0, "read", (10, 0, 1, False, 0, 0.0)),
+        Step(0.0, "read", (10, 0, 1, True, 0, 1.99)),
+        Step(0.1, "write", (10, 3, 0, False, True, 0.0, False)),
+        Step(0.0, "react", (10, Reaction("exception", 6, split=3))),
+    ]
+    assert play(SLOW, steps).wrong == []
+
+
+def test_what_was_on_the_wire_at_an_emergency_stop_is_not_sent_again_once_that_is_cleared() -> None:
+    """DESIGN 5: an emergency stop drops all that waits; and what would be sent again waits."""
+    world = World(SLOW)
+    world.slaves[12].dead_until = world.now + 0.05
+    world.do_verify(2, 0, 0.0)
+    world.run(world.now + 0.01)
+    world.do_emergency()
+    while len(world.emergencies[0]) == 1:
+        world.run(world.now + 0.001)
+    world.do_clear()
+    world.run(world.now + 5.0)
+    assert world.wrong == []
+    written = world.asked[0]
+    assert (written.job.attempts, written.outcome) == (1, Outcome.UNKNOWN)

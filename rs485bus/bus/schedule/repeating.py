@@ -12,12 +12,15 @@ from collections.abc import Callable
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.units.asking import pause
+from rs485bus.bus.units.motion import NEVER
 from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 
 _BUSY_PAUSE = 0.1
 """Seconds for which a device is left alone that says it is busy; twice as long after each further time."""
+_LONGEST_PAUSE = 1.6
+"""Seconds, at most."""
 
 _CUTS = 20
 """Attempts cut short by stops that do not count: whoever is asked was not given its time."""
@@ -34,12 +37,14 @@ class Repeating:
         end: ends a job.
     """
 
-    __slots__ = ("_end", "_queue", "_retries")
+    __slots__ = ("_end", "_queue", "_retries", "flushed_at")
 
     def __init__(self, retries: int, queue: Queue, end: End) -> None:
         self._retries = retries
         self._queue = queue
         self._end = end
+        self.flushed_at = NEVER
+        """When all that waited was dropped: what is older is not sent again, be it on the wire at that time."""
 
     def after_silence(self, job: Job, now: float) -> bool:
         """The latest attempt was not answered. False if the job is neither repeated nor read back: it has ended."""
@@ -59,7 +64,7 @@ class Repeating:
 
         False if that is not asked: a stop is looked at anyway, and what waits with others cannot wait for it.
         """
-        if job.slot is not None or job.urgency is Urgency.STOP or not _is_wanted(job, now):
+        if job.slot is not None or job.urgency is Urgency.STOP or not self._is_wanted(job, now):
             return False
 
         def was_asked(back: Job) -> None:
@@ -72,7 +77,7 @@ class Repeating:
     def after_exception(self, job: Job, meaning: Meaning, now: float) -> None:
         """The device said no, or that it could not do it."""
         if meaning is Meaning.BUSY and job.repeat is not Repeat.NEVER and self._may_repeat(job, now):
-            job.not_before = now + _pause(job.attempts)
+            job.not_before = now + _pause(_attempts(job))
             self._queue.put(job, first=True)
         elif meaning is Meaning.OPEN and job.request.writes:
             if not self._read_back(job, now):
@@ -84,14 +89,13 @@ class Repeating:
 
     def _may_repeat(self, job: Job, now: float) -> bool:
         retries = self.retries_of(job)
-        attempts = job.attempts - min(job.cuts, _CUTS) if retries else job.attempts
-        more = attempts <= retries or now < job.patient_until
-        return more and job.slot is None and _is_wanted(job, now)
+        more = (_attempts(job) if retries else job.attempts) <= retries or now < job.patient_until
+        return more and job.slot is None and self._is_wanted(job, now)
 
     def _read_back(self, job: Job, now: float) -> bool:
         """See whether a verified write was carried out. False if that is not asked for, or not any more."""
         verify = job.verify
-        if job.repeat is not Repeat.VERIFY or verify is None or job.slot is not None or not _is_wanted(job, now):
+        if job.repeat is not Repeat.VERIFY or verify is None or job.slot is not None or not self._is_wanted(job, now):
             return False
         job.read_backs += 1
         back = self._ask(job, verify.read, lambda back: self._was_read_back(job, back), now)
@@ -137,6 +141,12 @@ class Repeating:
         else:
             self._end(job, Outcome.UNKNOWN, Reason.NONE)
 
+    def _is_wanted(self, job: Job, now: float) -> bool:
+        """Whether anything more is to be sent for it."""
+        if job.queued_at <= self.flushed_at and not job.internal and job.urgency is not Urgency.STOP:
+            return False
+        return not job.caller_cancelled and (job.expires_at is None or job.expires_at > now)
+
     def retries_of(self, job: Job) -> int:
         return self._retries if job.retries is None else job.retries
 
@@ -146,9 +156,10 @@ def _was_begun(job: Job) -> bool:
     return job.code is not None and exception(job.code).meaning is Meaning.OPEN
 
 
-def _is_wanted(job: Job, now: float) -> bool:
-    return not job.caller_cancelled and (job.expires_at is None or job.expires_at > now)
+def _attempts(job: Job) -> int:
+    """How often it was sent and given its time."""
+    return job.attempts - min(job.cuts, _CUTS)
 
 
 def _pause(times: int) -> float:
-    return _BUSY_PAUSE * 2.0 ** (times - 1)
+    return min(_LONGEST_PAUSE, _BUSY_PAUSE * 2.0 ** (times - 1))

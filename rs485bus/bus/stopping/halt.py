@@ -274,7 +274,6 @@ class Halt:
         """Look until it stands, or until it should be told to stop once more."""
         patience, heard = self._now + self._patience, False
         by = _FOREVER if self.told is None else pacing.at_the_latest(self._sent_at)
-        patience = min(patience, by)
         if self._will_do(pacing):
             return order == self._orders
         while order == self._orders and not self._over:
@@ -294,7 +293,8 @@ class Halt:
             if not self._acknowledged and (standing is False or (not answered and self._is_pressing(pacing))):
                 return False
             # On a noisy pair it may well stand, and not be heard to say so.
-            if self._now >= patience + (0.0 if heard or not pacing.is_noisy(self._now) else _NOISY_MARGIN):
+            margin = 0.0 if heard or not pacing.is_noisy(self._now) else _NOISY_MARGIN
+            if self._now >= min(patience + margin, by):
                 return False
             if answered or look is None or not pacing.is_noisy(self._now):
                 self._now = yield self._now + _LOOK_EVERY

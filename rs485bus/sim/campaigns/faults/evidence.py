@@ -67,6 +67,8 @@ class Shaft:
     """When a frame set it in motion."""
     trips: list[float] = field(default_factory=list)
     """When its drive's watchdog stopped it."""
+    answers_at: list[tuple[float, int]] = field(default_factory=list)
+    """From when on its drive answers at which address."""
     together: tuple[str, ...] = ()
     """The others that stand if it fails: the other wheel, the group."""
 

@@ -119,6 +119,20 @@ def _speed(evidence: Evidence) -> Iterator[Finding]:
                 yield f"{shaft.name} turns at {true:.1f} rpm when {call} is told"
 
 
+@_invariant("provisioned-is-so", "A drive that is said to have a new address answers at that one.")
+def _provisioned(evidence: Evidence) -> Iterator[Finding]:
+    for call in evidence.calls:
+        place = getattr(call.result, "place", None)
+        if not getattr(call.result, "confirmed", False) or place is None:
+            continue
+        seen = {
+            [address for at, address in shaft.answers_at if at <= call.ended + GRACE][-1]
+            for shaft in evidence.shafts.values()
+        }
+        if place.address not in seen:
+            yield f"it answers at {', '.join(map(str, seen))}: {call}"
+
+
 @_invariant("refused-is-nothing", "Where the application is told that nothing was done, nothing has moved.")
 def _refused(evidence: Evidence) -> Iterator[Finding]:
     for call in evidence.calls:

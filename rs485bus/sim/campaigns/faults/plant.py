@@ -110,6 +110,8 @@ class Drive(ABC):
                 shaft.starts.append(told_at)
             self._counted[at] = starts
             shaft.add(now, position, rpm)
+            if not shaft.answers_at or shaft.answers_at[-1][1] != self.sim.address:
+                shaft.answers_at.append((now, self.sim.address))
             turning = turning or rpm != 0
         return turning
 

@@ -5,6 +5,8 @@ Each shaft stands above its origin switch; a ZLAC's axis is its left wheel.
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -184,6 +186,32 @@ async def left_running(app: World) -> None:
         x = first(app)
         await x.enable()
         await x.run(150.0)
+
+
+@for_each_family()
+async def left_by_a_timeout(app: World) -> None:
+    """The application takes too long, and its time is over while the motor turns: the block is left by that."""
+    try:
+        async with asyncio.timeout(1.0), app.bus():
+            x = first(app)
+            await x.enable()
+            await x.move_to(40.0)
+    except TimeoutError:
+        await app.sleep(0.1)
+
+
+@for_each_family()
+async def move_left_by_an_error(app: World) -> None:
+    """The block of a move is left by an exception: it stops, and the next move goes on."""
+    async with app.bus():
+        x = first(app)
+        await x.enable()
+        with contextlib.suppress(ValueError):
+            async with x.move_to(5.0):
+                await app.sleep(0.1)
+                raise ValueError("the application makes a mistake")
+        await x.stop()
+        await x.move_by(0.2)
 
 
 @for_each_family()

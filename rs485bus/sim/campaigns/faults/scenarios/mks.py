@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rs485bus import MoveState
 from rs485bus.devices.mks import HoldingCurrent, SwitchHoming
+from rs485bus.devices.mks.provisioning import set_address
 from rs485bus.sim.campaigns.faults.scenario import scenario
 from rs485bus.sim.campaigns.faults.world import World
 
@@ -101,3 +102,14 @@ async def restart_on_request(app: World) -> None:
         await x.enable()
         await x.set_zero()
         await x.move_by(0.3)
+
+
+@scenario("mks")
+async def provisioned_and_moved(app: World) -> None:
+    """A new address, and the old one again, on a drive alone on its pair; then it is moved."""
+    await app.record("provisioning", "set_address", set_address(lambda _: app.line(), 5, address=1))
+    await app.record("provisioning", "set_address", set_address(lambda _: app.line(), 1, address=5))
+    async with app.bus():
+        x = app.axis(1)
+        await x.enable()
+        await x.move_to(0.2)

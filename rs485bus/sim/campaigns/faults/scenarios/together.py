@@ -76,3 +76,45 @@ async def guarded_group_and_emergency(app: World) -> None:
             bus.clear_emergency_stop()
             await group.enable()
             await group.move_to(x=0.3, y=0.3)
+
+
+@scenario("together", (("mks", 1), ("tlr", 2)))
+async def group_streams(app: World) -> None:
+    """Two axes of two families are told set-points together; the block is left while they turn."""
+    async with app.bus():
+        group = app.group(x=app.axis(1), y=app.axis(2))
+        await group.enable()
+        async with group.stream(timeout=0.25) as setpoint:
+            for rpm in (60.0, 90.0, -60.0):
+                setpoint(x=rpm, y=-rpm)
+                await app.sleep(0.08)
+        await group.move_to(x=0.2, y=0.2)
+
+
+@scenario("together", (("mks", 1),), (("zlac", 2),))
+async def emergency_on_one_of_two_buses(app: World) -> None:
+    """A group on two pairs; an emergency stop of one of them stops the axis on the other, too. And the move again."""
+    async with app.bus(0) as bus, app.bus(1):
+        group = app.group(x=app.axis(1), y=app.axis(2, bus=1).left)
+        await group.enable()
+        group.move_to(x=4.0, y=4.0)
+        await app.sleep(0.2)
+        await bus.emergency_stop()
+        bus.clear_emergency_stop()
+        await group.stop()
+        await group.enable()
+        await group.move_to(x=0.3, y=0.3)
+
+
+@scenario("together", (("mks", 1), ("mks", 2)), (("tlr", 3),))
+async def guarded_on_two_buses(app: World) -> None:
+    """A guarded group with a lease on one pair moves with an axis on another; the lease lapses during a run."""
+    async with app.bus(0) as bus, app.bus(1):
+        x, y, z = app.axis(1), app.axis(2), app.axis(3, bus=1)
+        group = app.group(x=x, y=y, z=z)
+        await group.enable()
+        async with bus.watchdog(x, y, timeout=0.6, lease=1.5) as watchdog:
+            await group.move_to(x=0.5, y=-0.4, z=0.3)
+            watchdog.renew()
+            await x.run(120.0)
+            await app.sleep(2.0)

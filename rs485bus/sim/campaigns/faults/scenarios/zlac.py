@@ -69,6 +69,33 @@ async def vehicle_drives(app: World) -> None:
 
 
 @scenario("zlac")
+async def both_wheels_stream(app: World) -> None:
+    """Set-points for both wheels, one way and the other; the block is left while they turn."""
+    async with app.bus():
+        base = app.axis(1)
+        await base.enable()
+        async with base.stream(timeout=0.25) as setpoint:
+            for left, right in ((60.0, 60.0), (90.0, 30.0), (-40.0, 40.0)):
+                setpoint(left, right)
+                await app.sleep(0.08)
+        await base.move_by(0.2, 0.2)
+
+
+@scenario("zlac")
+async def guarded_vehicle_streams(app: World) -> None:
+    """A guarded vehicle is driven by set-points, which end for a while and come again."""
+    async with app.bus() as bus:
+        base = app.axis(1, reverse=(False, True))
+        vehicle = app.with_others(base, DifferentialDrive(base.real, 0.1, 0.5), "vehicle")
+        await base.enable()
+        async with bus.watchdog(base, timeout=0.5), vehicle.stream(timeout=0.2) as setpoint:
+            setpoint(0.4, 0.2)
+            await app.sleep(0.6)
+            setpoint(0.2, -0.3)
+            await app.sleep(0.1)
+
+
+@scenario("zlac")
 async def settings_then_run(app: World) -> None:
     """Clear faults, zero, set up, and run for a time."""
     async with app.bus():

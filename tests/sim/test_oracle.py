@@ -69,6 +69,7 @@ LIES: list[tuple[str, str, Lie]] = [
     ("done-is-there", "left-while-moving", tell("move_to", args=(0.71,))),
     ("positions-are-so", "move-there-and-back", tell("position", result=0.1)),
     ("speed-is-so", "left-running", tell("run", args=(100.0,))),
+    ("provisioned-is-so", "provisioned-and-moved", lambda e: shaft_of(e).answers_at.pop(1)),
     ("refused-is-nothing", "move-there-and-back", tell("move_by", error=NotSent("the port is lost"))),
     ("nothing-older-after-a-stop", "stop-in-the-middle", older),
     ("motion-is-asked-for", "move-there-and-back", lambda e: shaft_of(e).starts.append(e.ended - 0.5)),

@@ -63,7 +63,8 @@ class Case:
         evidence = self.run(plain.seconds)
         evidence.usual = dict(plain.usual)
         evidence.may_differ = self.script.may_differ
-        if len(self.faults) == 1 and FAULTS[self.faults[0][0]].harmless:
+        spoils = OPTIONS.get(self.family, {}).get(self.option, PLAIN).spoils
+        if len(self.faults) == 1 and FAULTS[self.faults[0][0]].harmless and not spoils:
             evidence.expected = list(plain.ends)
         return evidence, judge(evidence)
 

@@ -38,8 +38,10 @@ def _slow_flash(kept: Container[int]) -> Callable[[Drive, bytes, float], Treatme
     return treat
 
 
-_LATE_WHILE_MOVING = Option("While it moves every seventh answer is 0.7 s late.", treats=_late_while_moving)
-_BUSY = Option("To every seventh request it says that it is busy.", treats=_busy)
+_LATE_WHILE_MOVING = Option(
+    "While it moves every seventh answer is 0.7 s late.", treats=_late_while_moving, spoils=True
+)
+_BUSY = Option("To every seventh request it says that it is busy.", treats=_busy, spoils=True)
 _SLOW = "It answers a write that it keeps in its flash 0.25 s late."
 
 MKS = {
@@ -61,7 +63,7 @@ MKS = {
     "status-undefined": Option(
         "Every third time 0xF1 says something that the manual does not name.", {"quirks": Quirks(undefined_every=3)}
     ),
-    "refuses": Option("It refuses every seventh write.", {"quirks": Quirks(refuses_every=_EVERY)}),
+    "refuses": Option("It refuses every seventh write.", {"quirks": Quirks(refuses_every=_EVERY)}, spoils=True),
     "late-while-moving": _LATE_WHILE_MOVING,
     "slow-flash": Option(_SLOW, treats=_slow_flash(_MKS_SETTINGS)),
 }

@@ -38,6 +38,8 @@ class Option:
     """Turns by which such a drive may be off, beside the usual ones."""
     treats: Callable[[Drive, bytes, float], Treatment] | None = None
     """What becomes of a frame to such a drive, at that time, where nothing else goes wrong."""
+    spoils: bool = False
+    """Such a drive spoils attempts of its own: one more that is lost may be the last, and change how a call ends."""
 
 
 class Drive(ABC):

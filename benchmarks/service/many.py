@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import random
 import statistics
 import sys
@@ -16,11 +17,13 @@ from pathlib import Path
 from benchmarks.service.drives import plant_file
 from benchmarks.service.mosquitto import running
 from benchmarks.service.processes import cpu_seconds, memory
+from benchmarks.service.standstills import Standstills
 from rs485bus.errors import BusError
 from rs485bus.plant import Plant
 from rs485bus.remote import RemotePlant, connect
 from rs485bus.service.broker import Broker
 from rs485bus.service.ledger import Ledger
+from rs485bus.service.schema import AxisReport
 from rs485bus.service.service import Service
 
 _DRIVES = 8
@@ -34,9 +37,12 @@ class Many:
 
     plants: int
     seconds: float
+    pauses: Standstills = field(default_factory=Standstills)
     moves: Counter[str] = field(default_factory=Counter)
     questions: list[float] = field(default_factory=list)
     """Seconds until a question to a drive was answered."""
+    ages: list[float] = field(default_factory=list)
+    """Seconds that a state was old when it came in."""
     states: int = 0
     lost: int = 0
     memory: list[tuple[float, float]] = field(default_factory=list)
@@ -47,19 +53,25 @@ class Many:
 
     @property
     def holds(self) -> bool:
-        return self.lost == 0 and set(self.moves) <= {"done"}
+        whole = self.pauses.undisturbed >= self.seconds
+        return whole and self.lost == 0 and set(self.moves) <= {"done"}
 
     def __str__(self) -> str:
-        ordered = sorted(1000 * seconds for seconds in self.questions)
         grown = max(end - begin for begin, end in self.memory)
         return (
-            f"{self.plants} plants of {_DRIVES} axes for {self.seconds:.0f} s: {dict(self.moves)} moves; a question to "
-            f"a drive is answered after {statistics.median(ordered):.0f} ms (median), "
-            f"{ordered[int(0.99 * len(ordered))]:.0f} ms (99 %); states lost {self.lost} of {self.states}; memory "
+            f"{self.plants} plants of {_DRIVES} axes for {self.pauses.undisturbed:.0f} s (the machine stood still "
+            f"{self.pauses.count} times, for {self.pauses.stood:.0f} s: left out, with what followed); moves "
+            f"{dict(self.moves)}; a question to a drive is answered after {_spread(self.questions)}; states are "
+            f"{_spread(self.ages)} old when they come in, lost {self.lost} of {self.states}; memory "
             f"{max(end for _, end in self.memory):.0f} MB for {_EACH} plants and their drives (grown by {grown:.1f}), "
             f"mosquitto {self.broker_memory:.0f} MB; CPU {100 * self.cpu:.0f} % of a core for all services and their "
             f"drives, mosquitto {100 * self.broker_cpu:.1f} %"
         )
+
+
+def _spread(seconds: list[float]) -> str:
+    ordered = sorted(1000 * each for each in seconds)
+    return f"{statistics.median(ordered):.0f} ms (median), {ordered[int(0.99 * len(ordered))]:.0f} ms (99 %)"
 
 
 async def measure(folder: Path, plants: int, seconds: float) -> Many:
@@ -76,30 +88,34 @@ async def measure(folder: Path, plants: int, seconds: float) -> Many:
             for cell in cells:
                 _count(cell, many)
             using = [asyncio.create_task(_use(cell, many)) for cell in cells]
-            await asyncio.sleep(min(30.0, seconds / 3))
+            await many.pauses.wait_for(min(30.0, seconds / 3))
             began = [(memory(process.pid), cpu_seconds(process.pid)) for process in processes]
             broker_began = cpu_seconds(broker.pid)
-            rest = seconds - min(30.0, seconds / 3)
-            await asyncio.sleep(rest)
+            loop = asyncio.get_running_loop()
+            ran = loop.time() - many.pauses.stood
+            await many.pauses.wait_for(seconds - many.pauses.undisturbed)
+            ran = loop.time() - many.pauses.stood - ran
             many.memory = [(begin, memory(process.pid)) for (begin, _), process in zip(began, processes, strict=True)]
             taken = [cpu_seconds(process.pid) - cpu for (_, cpu), process in zip(began, processes, strict=True)]
-            many.cpu, many.broker_cpu = sum(taken) / rest, (cpu_seconds(broker.pid) - broker_began) / rest
+            many.cpu, many.broker_cpu = sum(taken) / ran, (cpu_seconds(broker.pid) - broker_began) / ran
             many.broker_memory = memory(broker.pid)
             for task in using:
                 task.cancel()
             await asyncio.gather(*using, return_exceptions=True)
-            await asyncio.gather(*(cell.stop().wait() for cell in cells))
+            await asyncio.gather(*(cell.stop().wait() for cell in cells), return_exceptions=True)
     return many
 
 
 def _count(cell: RemotePlant, many: Many) -> None:
     last: dict[str, int] = {}
 
-    def count(name: str, report: object) -> None:
-        number: int = report.n  # type: ignore[attr-defined] # an AxisReport
-        many.states += 1
-        many.lost += max(0, number - last.get(name, number - 1) - 1)
-        last[name] = number
+    def count(name: str, report: AxisReport) -> None:
+        if not many.pauses.disturbed:
+            many.states += 1
+            many.lost += max(0, report.n - last.get(name, report.n - 1) - 1)
+            if report.n % 10 == 0:
+                many.ages.append(cell.session.now() - report.at)
+        last[name] = report.n
 
     cell.session.on_state.append(count)
 
@@ -109,19 +125,29 @@ async def _use(cell: RemotePlant, many: Many) -> None:
     loop = asyncio.get_running_loop()
     chance = random.Random(cell.name)
     axes = list(cell.axes)
-    for name in axes:
-        await cell.axes[name].enable()
+    ready = False
     while True:
-        began = loop.time()
-        await cell.axes[chance.choice(axes)].position()
-        many.questions.append(loop.time() - began)
-        pair = {name: chance.uniform(-2, 2) for name in chance.sample(axes, 2)}
+        began, stops = loop.time(), many.pauses.count
+        counts = not many.pauses.disturbed
+        how = "done"
         try:
-            await cell.move_to(**pair)
-            many.moves["done"] += 1
+            if not ready:
+                await cell.take_control()
+                for name in axes:
+                    await cell.axes[name].enable()
+                ready = True
+                continue
+            await cell.axes[chance.choice(axes)].position()
+            asked = loop.time() - began
+            await cell.move_to(**{name: chance.uniform(-2, 2) for name in chance.sample(axes, 2)})
         except BusError as error:
-            many.moves[type(error).__name__] += 1
-        await asyncio.sleep(chance.uniform(1, 3))
+            ready, how = False, type(error).__name__
+        await asyncio.sleep(0.2)  # where the machine stood still meanwhile, that is known now
+        if counts and stops == many.pauses.count and not many.pauses.disturbed:
+            many.moves[how] += 1
+            if how == "done":
+                many.questions.append(asked)
+        await asyncio.sleep(chance.uniform(0.8, 2.8))
 
 
 @contextlib.asynccontextmanager
@@ -143,6 +169,7 @@ async def _served(folder: Path, url: str, names: list[str]) -> AsyncIterator[asy
 
 async def _serve(folder: Path, url: str, names: list[str]) -> None:
     """Serve plants with virtual drives until the standard input ends."""
+    logging.disable(logging.WARNING)
     async with contextlib.AsyncExitStack() as stack:
         services = []
         for name in names:

@@ -217,6 +217,7 @@ class Broker:
             client.timeout = _FAREWELL
             with contextlib.suppress(aiomqtt.MqttError):  # it is lost
                 await client.__aexit__(None, None, None)
+            _ = client.lost
 
     def _tls_context(self) -> ssl.SSLContext:
         try:

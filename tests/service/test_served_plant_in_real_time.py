@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import gc
 import json
+import math
 import os
 import signal
 import subprocess
@@ -299,6 +300,44 @@ def test_set_points_hold_for_a_while_and_a_stop_ends_their_stream(tmp_path: Path
                 setpoint(30)
                 await asyncio.sleep(0.2)
             assert await plant.x.idle()
+
+    in_real_time(main, 40)
+
+
+def test_set_points_of_a_vehicle_turn_both_wheels_and_a_stop_of_one_ends_their_stream(
+    tmp_path: Path, broker: Mosquitto
+) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path, broker.url, FAMILIES) as (plant, _),
+            connect(broker.url, plant=plant.name) as cell,
+            connect(broker.url, plant=plant.name) as other,
+        ):
+            assert cell.vehicle is not None
+            for wheel in (cell.left, cell.right):
+                await wheel.enable()
+
+            def wheels() -> tuple[float | None, float | None]:
+                return plant.left.sample.rpm, plant.right.sample.rpm
+
+            async with cell.vehicle.stream(timeout=1.0) as setpoint:
+                with pytest.raises(TypeError, match="2 values"):
+                    setpoint(0.1)
+                for _ in range(10):
+                    setpoint(0.4, 0.0)
+                    await asyncio.sleep(0.05)
+                rpm = 0.4 / 0.08 / (2 * math.pi) * 60
+                await until(lambda: wheels() == (pytest.approx(rpm, abs=3), pytest.approx(rpm, abs=3)))
+                await until(lambda: plant.left.sample.moving is plant.right.sample.moving is False)  # it grows stale
+                setpoint(0.0, 1.0)
+                turning = 1.0 * 0.2 / 0.08 / (2 * math.pi) * 60
+                await until(lambda: wheels() == (pytest.approx(-turning, abs=3), pytest.approx(turning, abs=3)))
+                await other.left.stop()
+                with pytest.raises(MoveCancelled, match="was stopped"):
+                    for _ in range(100):
+                        setpoint(0.0, 1.0)
+                        await asyncio.sleep(0.05)
+            await until(lambda: plant.left.sample.moving is plant.right.sample.moving is False)
 
     in_real_time(main, 40)
 

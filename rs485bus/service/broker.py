@@ -76,6 +76,14 @@ class Client(aiomqtt.Client):
         if taken.result().is_failure:
             raise BrokerError(self.refusal(topic, taken.result()))
 
+    async def next_message(self, seconds: float) -> aiomqtt.Message | None:
+        """The next message; None if there is none within so many seconds. In contrast to `messages`, that may be over
+        in the moment in which a message comes in: it is not lost."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                return await self._queue.get()
+        return None
+
     def refusal(self, topic: str, code: ReasonCode) -> str:
         """What it means that the broker does not take a message."""
         return (

@@ -96,13 +96,15 @@ def test_what_has_a_wrong_type_is_refused_and_not_guessed(fields: dict[str, Any]
     assert "what its schema says" in office.said[-1][1].error.message  # type: ignore[union-attr]
 
 
-def test_a_message_of_the_longest_length_is_read() -> None:
+def test_a_message_of_the_longest_length_is_read_and_a_longer_one_is_not() -> None:
     office = Office()
     said = {"v": 1, "id": "m", "client": "a", "sent": office.now, "expires": office.now + 2, "args": {}}
     payload = json.dumps(said).encode()
     payload += b" " * (LONGEST - len(payload))
     office.do(office.desk.request("plant/time", payload, ME, office.now, retained=False))
     assert office.said[-1][1].outcome == "done"
+    office.do(office.desk.request("plant/time", payload + b" ", ME, office.now, retained=False))
+    assert "16385 bytes: 16384 are allowed" in office.said[-1][1].error.message  # type: ignore[union-attr]
 
 
 def test_who_is_there_is_what_the_topic_names_for_that_is_what_an_access_list_guards() -> None:

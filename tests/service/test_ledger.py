@@ -122,3 +122,21 @@ def test_who_waits_for_an_entry_that_cannot_be_written_is_told() -> None:
         assert isinstance(told[0], sqlite3.ProgrammingError)
 
     asyncio.run(main())
+
+
+def test_an_axis_that_was_commanded_is_held_though_that_could_not_be_stored_when_control_was_taken() -> None:
+    ledger = Ledger(":memory:")
+    ledger.carry_out([lambda ledger: ledger.store("1", "digest", frozenset("x"))])
+    assert ledger.recover() == (1, frozenset("x"))
+    ledger.close()
+
+
+def test_a_disk_that_is_full_is_told_as_that_and_later_entries_are_stored(tmp_path: Path) -> None:
+    ledger = Ledger(tmp_path / "l.sqlite")
+    pages = ledger._base.execute("PRAGMA page_count").fetchone()[0]
+    ledger._base.execute(f"PRAGMA max_page_count = {pages}")
+    with pytest.raises(sqlite3.Error, match="full"):
+        ledger.carry_out([lambda ledger, n=n: ledger.store(f"{n}" * 60, "d" * 500) for n in range(100)])
+    ledger._base.execute("PRAGMA max_page_count = 100000")
+    assert ledger.carry_out([lambda ledger: ledger.store("1", "digest")]) == [None]
+    ledger.close()

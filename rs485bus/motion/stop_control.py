@@ -157,7 +157,12 @@ class StopControl:
         """Raise `RearmRequired` where it must be enabled first."""
         why = self._bus.owner.units[self._drive.address].locked or self.blocked
         if why:
-            raise RearmRequired(f"{self._name} moves only after enable(): {why}.")
+            raise RearmRequired(f"{self._name} moves only after {self._remedy}: {why}.")
+
+    @property
+    def _remedy(self) -> str:
+        """After what it moves again."""
+        return "renew()" if self._bus.owner.units[self._drive.address].stood and not self.blocked else "enable()"
 
     # What its commands need
 
@@ -246,7 +251,7 @@ class StopControl:
             error = MotionInterrupted(f"{told} How far it went is not known until then.")
         if self._bus.owner.units[self._drive.address].locked:
             error = RearmRequired(
-                f"{self._name} was unheard for {unheard:.2f} s ({reason}). It moves only after enable()."
+                f"{self._name} was unheard for {unheard:.2f} s ({reason}). It moves only after {self._remedy}."
             )
         _log.warning("%s", error)
         self.tell(EventKind.LOST if isinstance(error, NotSent) else EventKind.TRIP, str(error))

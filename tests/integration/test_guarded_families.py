@@ -109,6 +109,31 @@ async def test_a_lease_that_is_not_renewed_stops_the_axis_and_it_moves_only_afte
 
 @both_families
 @virtual
+async def test_an_axis_that_stood_when_its_lease_lapsed_needs_renew_and_no_more(family: str) -> None:
+    async with drive(family) as on, on.bus.watchdog(on.facade, timeout=0.5, lease=1.0) as guard:
+        await on.axis.move_by(0.2)
+        with pytest.raises(RearmRequired, match=r"lease of 1 s"):
+            async with on.axis.stream() as setpoint:
+                for _ in range(100):
+                    setpoint(0.0)
+                    await asyncio.sleep(0.05)
+        await asyncio.sleep(3.0)
+        assert on.sim.trips == []
+        with pytest.raises(RearmRequired, match=r"renew\(\)"):
+            await on.axis.run(60)
+        assert on.stands()
+        guard.renew()
+        async with on.axis.stream() as setpoint:
+            setpoint(60.0)
+            await asyncio.sleep(0.2)
+            assert not on.stands()
+        assert on.stands()
+        guard.renew()
+        await on.axis.move_by(0.1)
+
+
+@both_families
+@virtual
 async def test_a_blocked_event_loop_leaves_the_drive_stopped_by_itself_in_its_time_and_nothing_resumes(
     family: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -56,6 +56,7 @@ class UnitState:
         "restoring",
         "silent_since",
         "silent_until",
+        "stood",
         "watchdog_ms",
     )
 
@@ -96,6 +97,8 @@ class UnitState:
         """Why it moves only after it was enabled again; empty if it need not be."""
         self.lapsed = False
         """Its lease was not renewed, nor has it been since."""
+        self.stood = False
+        """It stood when its lease lapsed: to renew that is enough."""
         self.rearm: float | None = None
         """The watchdog time, in seconds, to feed it by again when it is enabled: it may have tripped."""
         self.ledger: Ledger | None = None

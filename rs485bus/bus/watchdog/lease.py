@@ -12,7 +12,7 @@ class Lease:
     """The lease of one entry of a watchdog block.
 
     When it lapses, the devices get nothing but stops until they stand (polls would feed them too), and move only after
-    the lease was renewed and they were enabled again.
+    the lease was renewed. Those that did not stand then must be enabled again, too.
 
     Args:
         owner: the bus.
@@ -30,8 +30,7 @@ class Lease:
     def renew(self, now: float) -> None:
         """It holds from now on."""
         self._until = now + self._seconds
-        for device in self._devices:
-            self._owner.units[device.address].lapsed = False
+        self._go_on()
         if not self._running:
             self._running = True
             self._owner.at(self._until, self._check)
@@ -39,8 +38,18 @@ class Lease:
     def end(self) -> None:
         """It is not needed any more."""
         self._until = float("inf")
+        self._go_on()
+
+    def _go_on(self) -> None:
         for device in self._devices:
-            self._owner.units[device.address].lapsed = False
+            unit = self._owner.units[device.address]
+            if unit.lapsed and unit.stood and unit.locked == self._why:
+                unit.locked = ""
+            unit.lapsed = unit.stood = False
+
+    @property
+    def _why(self) -> str:
+        return f"its lease of {self._seconds:g} s was not renewed"
 
     def _check(self) -> None:
         owner = self._owner
@@ -52,7 +61,8 @@ class Lease:
         for device in self._devices:
             unit = owner.units[device.address]
             unit.lapsed = True
-            unit.locked = f"its lease of {self._seconds:g} s was not renewed"
+            unit.stood = not (device.motion.may_move or unit.locked)
+            unit.locked = self._why
             owner.stops.stops_only(unit)
             owner.stops.halt(unit, device.motion, emergency=False)
             device.interrupted(0.0, unit.locked)

@@ -57,6 +57,14 @@ def _is_truth(value: object) -> bool:
     return isinstance(value, bool) or str(getattr(value, "dtype", "")) == "bool"
 
 
+def finite(name: str, value: SupportsFloat | SupportsIndex) -> float:
+    """A finite number."""
+    number = real(name, value, "a finite number")
+    if math.isinf(number):
+        raise LimitExceeded(f"{name} must be a finite number, not {number:g}")
+    return number
+
+
 def positive(name: str, value: SupportsFloat | SupportsIndex, unless: str = "") -> float:
     """A finite number above 0; `unless` says what to do instead of giving a negative one."""
     allowed = "a finite number above 0"

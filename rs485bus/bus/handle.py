@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 import anyio
 
 from rs485bus.bus.interrupts import interrupts_put_off
-from rs485bus.errors import LoopNotRunning
+from rs485bus.errors import LoopNotRunning, MotionError
 
 T = TypeVar("T")
 
@@ -33,6 +33,12 @@ class Handle(Generic[T]):
         self.what = what
         self.seen = False
         """Its failure was raised to somebody."""
+        self.kept_open_by: asyncio.Task[Any] | None = None
+        """The task in whose block it goes on until that is left."""
+        self.end_block: Callable[[], object] | None = None
+        """Ends it, where it goes on until a block is left."""
+        self.kept_from_beginning: Callable[[], Handle[Any] | None] = lambda: None
+        """What goes before it, and ends only with a block of the present task."""
         self._unseen = unseen
         self._home = running_loop()
         self._over = False
@@ -72,6 +78,7 @@ class Handle(Generic[T]):
             LoopNotRunning: the event loop in which it was begun does not run, so that it would not end.
         """
         if not self._over:
+            self.check_wait()
             here, home = asyncio.get_running_loop(), self._home
             if home is not None and home is not here and not home.is_running():
                 raise LoopNotRunning(
@@ -91,6 +98,14 @@ class Handle(Generic[T]):
 
     def __await__(self) -> Generator[Any, None, T]:
         return self.wait().__await__()
+
+    def check_wait(self) -> None:
+        """Raise `MotionError` where the present task would wait for itself."""
+        before = self.kept_from_beginning()
+        if before is not None:
+            raise MotionError(
+                f"{self.what} begins after {before.what}, and is awaited in the block of that: leave the block first."
+            )
 
     def finish(self, result: T) -> None:
         """It ended well. For those who carry it out."""

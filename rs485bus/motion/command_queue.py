@@ -15,6 +15,8 @@ T = TypeVar("T")
 
 MAX_QUEUED = 64
 """Commands that may wait on one axis."""
+_LOOK_AGAIN = 0.05
+"""Seconds after which one that waits for the end looks what is being carried out by then."""
 
 
 class CommandQueue:
@@ -91,6 +93,7 @@ class CommandQueue:
         """Queue a command that was checked."""
         if self._hold is not None and self._hold.done():
             self._hold = None  # whoever commands it now knows how that stop ended
+        handle.kept_from_beginning = lambda: self._kept_open_before(handle)
         self._waiting.append((handle, carry_out))
         if self._worker is None:
             self._worker = self._bus.spawn(self._work(), f"rs485bus {self._name}")
@@ -139,10 +142,22 @@ class CommandQueue:
         self._cancel_waiting(waiting or error)
 
     async def drain(self) -> None:
-        """Wait until nothing waits or is being carried out."""
+        """Wait until nothing waits or is being carried out. What goes on until a block is left is ended."""
         while self._worker is not None:
-            await asyncio.wait([self._worker])
+            if self._current is not None and self._current.end_block is not None:
+                self._current.end_block()
+            await asyncio.wait([self._worker], timeout=_LOOK_AGAIN)
         await self._held()
+
+    def _kept_open_before(self, handle: Handle[Any]) -> Handle[Any] | None:
+        """The command before one that ends only when the present task leaves its block."""
+        me = asyncio.current_task()
+        for each in (self._current, *(waiting for waiting, _ in self._waiting)):
+            if each is handle:
+                break
+            if each is not None and each.kept_open_by is me:
+                return each
+        return None
 
     async def _work(self) -> None:
         me = asyncio.current_task()

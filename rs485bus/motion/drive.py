@@ -144,6 +144,8 @@ class Drive(DeviceAdapter):
     """What is asked at once when something is wrong, to find out why."""
     knows_counts = True
     """It is known how the drive counts. Else `set_up` finds that out, before positions mean anything."""
+    spreads_changes = False
+    """Of a stream it spreads a change of the speed over a time, however large the change is."""
     turns_through_zero = False
     """In a stream it may be told a speed the other way while it turns. Else it is slowed down to a stand before."""
     tells_restarts = False

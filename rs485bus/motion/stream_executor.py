@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Awaitable, Callable
 
+from rs485bus.arguments import finite
 from rs485bus.bus.bus import Bus
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import EventKind
@@ -85,7 +86,7 @@ class StreamExecutor:
         return SetpointStream(begin, running, stop)
 
     def _speed(self, rpm: float) -> float:
-        return self._scale.number("set-point", rpm)
+        return finite(f"{self._name}: a set-point (rpm)", rpm)
 
     async def stream(
         self,

@@ -126,6 +126,7 @@ class Streamer:
         self._noticed = noticed
         self._states = tuple(drive.state.axes[axis] for axis in axes)
         self._motion = self._states[0].motion if len(axes) == 1 else drive.motion
+        self._epoch = self._motion.epoch
         self._zero: Speeds = (0.0,) * len(axes)
         self._unit = bus.owner.units[drive.address]
         self._turns = bus.keep(Turns, Turns)
@@ -134,6 +135,8 @@ class Streamer:
         """No frame was sent since the newest set-point."""
         self._expired = False
         self._job: Job | None = None
+        self._heard = speeds
+        """The last speeds that the drive has acknowledged."""
         self._next = speeds
         """The speeds that are being told, or were told last."""
         self._next_at = NEVER
@@ -179,6 +182,8 @@ class Streamer:
     def close(self) -> None:
         """Tell no more."""
         self._over = True
+        if self._job is not None:
+            self._bus.owner.cancel(self._job, self._bus.now())
 
     def hold(self, seconds: float) -> None:
         """Tell nothing for a while."""
@@ -255,11 +260,17 @@ class Streamer:
         if not self._drive.turns_through_zero:
             # It comes to a stand first.
             target = tuple(0.0 if is_ * wanted < 0 else wanted for is_, wanted in zip(told, target, strict=True))
-        change = tuple(wanted - is_ for is_, wanted in zip(told, target, strict=True))
-        takes, time = self._terms.takes(change), min(max(now - self.told.at, 0.0), 2 * STEP)
+        step = self._towards(target, told, min(max(now - self.told.at, 0.0), 2 * STEP))
+        # Of steps that it may not have heard it makes one, in the time that is for two.
+        return self._towards(step, self._heard, 2 * STEP) if self._drive.spreads_changes else step
+
+    def _towards(self, target: Speeds, since: Speeds, time: float) -> Speeds:
+        """The speeds to which those from `since` on can be changed in a time."""
+        change = tuple(wanted - is_ for is_, wanted in zip(since, target, strict=True))
+        takes = self._terms.takes(change)
         if takes <= time:
             return target
-        return tuple(is_ + each * time / takes for is_, each in zip(told, change, strict=True))
+        return tuple(is_ + each * time / takes for is_, each in zip(since, change, strict=True))
 
     # Telling them
 
@@ -283,6 +294,7 @@ class Streamer:
         if told.sure and self._frames(speeds) == self._frames(told.speeds):
             # The drive cannot be told so small a step.
             told.speeds, told.at, self._is_new = speeds, now, False
+            self._heard = speeds
             self._wake_at(now + STEP)
             return
         self._is_unmistakable, self._has_begun = True, False
@@ -317,6 +329,7 @@ class Streamer:
             ignores_late_replies=True,
             on_end=self._answered,
         )
+        self._job.epoch = self._epoch  # whatever stops the axes ends the stream: nothing of it follows
         self._bus.submit(self._job)
 
     def _answered(self, job: Job) -> None:
@@ -348,6 +361,7 @@ class Streamer:
         else:
             answered = job.outcome is Outcome.REPLY or stood
             self.told.sure = answered and self._is_unmistakable
+            self._heard = self.told.speeds if self.told.sure else self._heard
             self._again_at = now + _AGAIN if answered else NEVER
             self._go_on()
 

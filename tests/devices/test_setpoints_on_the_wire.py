@@ -192,3 +192,26 @@ async def test_a_line_that_loses_three_in_ten_frames_is_streamed_on(make: Make) 
             setpoint(200 + step % 5)
             await asyncio.sleep(0.02)
         assert on.rpm == pytest.approx(202, abs=6)
+
+
+@FAMILIES
+@pytest.mark.parametrize("emergency", [False, True], ids=["stop", "emergency stop"])
+@virtual
+async def test_nothing_of_a_stream_follows_a_stop_whenever_that_comes(make: Make, emergency: bool) -> None:
+    """Also where the stop cuts a set-point on the wire: one that is told instead would be newer than the stop."""
+    for phase in range(12):
+        async with rig(make) as on:
+            with suppress(BusError):
+                async with on.axis.stream(acceleration=5000.0) as setpoint:
+                    for step in range(25):
+                        setpoint(100 + step)
+                        await asyncio.sleep(0.02)
+                    for _ in range(4):  # the last one is waited for as long as the drive may take
+                        lose(on.sim, lambda frame: frame[1] in _WRITES, request=True)
+                    for step in range(phase + 2):
+                        setpoint(130 + step)
+                        await asyncio.sleep(0.004)
+                    await (on.axis.emergency_stop() if emergency else on.axis.stop())
+                    place = on.sim.shaft(now())
+                    await asyncio.sleep(0.5)
+                    assert on.sim.shaft(now()) == place, phase

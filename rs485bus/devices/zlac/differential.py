@@ -9,7 +9,7 @@ from typing import Literal
 
 import anyio
 
-from rs485bus.arguments import positive, real
+from rs485bus.arguments import finite, positive, real
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.zlac.odometry import Odometry, OdometrySample, Pose
 from rs485bus.devices.zlac.streams import PairSetpoint, PairStream
@@ -43,7 +43,7 @@ class VehicleSetpoint:
             LimitExceeded, TypeError: one is no speed.
             MotionError, RequestFailed: what has ended the stream.
         """
-        wanted = real("v", v), real("omega", omega)
+        wanted = finite("v (m/s)", v), finite("omega (rad/s)", omega)
         share = min(
             (limit / abs(speed) for speed, limit in zip(wanted, self._limits, strict=True) if limit and speed),
             default=1.0,

@@ -271,6 +271,10 @@ class ZlacDrive(Drive):
     def run_all(self, wanted: Mapping[int, tuple[float, MotionParameters]]) -> Plan[None]:
         yield from plans.run(self, wanted)
 
+    @property
+    def spreads_changes(self) -> bool:  # type: ignore[override] # by how its ramp times are read
+        return self.options.ramp_rpm is None
+
     def setpoint(self, axis: int, rpm: float, acceleration: float, *, afresh: bool) -> Sequence[Request]:
         return self.setpoints({axis: rpm}, acceleration, afresh=afresh)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal
 
-from rs485bus.arguments import real
+from rs485bus.arguments import finite
 from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.motion.move import Move
 from rs485bus.motion.state import Fact
@@ -38,7 +38,7 @@ class PairSetpoint:
             LimitExceeded, TypeError: one is no speed.
             MotionError, RequestFailed: what has ended the stream.
         """
-        speeds = real("left", left), real("right", right)
+        speeds = finite("left (rpm)", left), finite("right (rpm)", right)
         self.check()
         assert self.streamer is not None
         self.streamer.want(*(sign * speed for sign, speed in zip(self._signs, speeds, strict=True)))
@@ -121,13 +121,20 @@ class PairStream:
         for move in self._moves:
             move.add_done_callback(lambda _: self._started.set())
         try:
+            for move in self._moves:
+                move.check_wait()
+                move.end_block = self._end
             await self._started.wait()
         except BaseException:
-            self._give_up()
+            for move in self._moves:
+                move.seen = True
+                move.cancel()
             raise
         if setpoint.streamer is None:
             await asyncio.gather(*(move.wait() for move in self._moves), return_exceptions=True)
             setpoint.check()
+        for move in self._moves:
+            move.kept_open_by = asyncio.current_task()
         return setpoint
 
     async def __aexit__(
@@ -136,11 +143,12 @@ class PairStream:
         moves, setpoint = self._moves, self._setpoint
         assert moves is not None
         assert setpoint is not None
+        for move in moves:
+            move.kept_open_by = None
         if error is not None:
             self._give_up()
             return False
-        if setpoint.streamer is not None:
-            setpoint.streamer.end()
+        self._end()
         try:
             ended = await asyncio.gather(*(move.wait() for move in moves), return_exceptions=True)
         except BaseException:
@@ -167,6 +175,10 @@ class PairStream:
         )
         self._started.set()
         return self._setpoint.streamer
+
+    def _end(self) -> None:
+        if self._setpoint is not None and self._setpoint.streamer is not None:
+            self._setpoint.streamer.end()
 
     def _give_up(self) -> None:
         for move in self._moves or ():

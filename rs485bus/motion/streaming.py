@@ -18,6 +18,7 @@ from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
+from rs485bus.motion.turns import Turns
 from rs485bus.wire.frames import Request
 
 STEP = 0.04
@@ -36,21 +37,6 @@ _NO_MORE = (Reason.STOPPED, Reason.EMERGENCY, Reason.LATCHED, Reason.LOCKED, Rea
 
 Speeds = tuple[float, ...]
 """One of each axis, in rpm, in the drive's direction."""
-
-
-class Turns:
-    """Whose turn it is, where streams share a bus with others: after a set-point somebody else may go first."""
-
-    def __init__(self) -> None:
-        self.last: Job | None = None
-        """The set-point that was sent last."""
-
-    def urgency(self, bus: Bus) -> Urgency:
-        """How urgent the next set-point is."""
-        flight, queue, last = bus.owner.journal.flight, bus.owner.queue, self.last
-        mine = bool(flight) and last is not None and flight[-1].sent_at == last.sent_at
-        others = queue.has(Urgency.COMMAND) or queue.has(Urgency.POLL)
-        return Urgency.COMMAND if mine and others else Urgency.CONFIRM
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,7 @@ from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_whatever_an_application_does_with_a_stream_the_shafts_do_as_is_promised(name: str) -> None:
-    for seed in (1, 2):
-        attack(name, seed)
+    attack(name, 1)
 
 
 @on_virtual_clock

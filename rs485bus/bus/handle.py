@@ -33,11 +33,11 @@ class Handle(Generic[T]):
         self.what = what
         self.seen = False
         """Its failure was raised to somebody."""
-        self.kept_open_by: asyncio.Task[Any] | None = None
+        self._kept_open_by: asyncio.Task[Any] | None = None
         """The task in whose block it goes on until that is left."""
-        self.end_block: Callable[[], object] | None = None
+        self._end_block: Callable[[], object] | None = None
         """Ends it, where it goes on until a block is left."""
-        self.kept_from_beginning: Callable[[], Handle[Any] | None] = lambda: None
+        self._kept_from_beginning: Callable[[], Handle[Any] | None] = lambda: None
         """What goes before it, and ends only with a block of the present task."""
         self._unseen = unseen
         self._home = running_loop()
@@ -78,7 +78,7 @@ class Handle(Generic[T]):
             LoopNotRunning: the event loop in which it was begun does not run, so that it would not end.
         """
         if not self._over:
-            self.check_wait()
+            self._check_wait()
             here, home = asyncio.get_running_loop(), self._home
             if home is not None and home is not here and not home.is_running():
                 raise LoopNotRunning(
@@ -99,9 +99,9 @@ class Handle(Generic[T]):
     def __await__(self) -> Generator[Any, None, T]:
         return self.wait().__await__()
 
-    def check_wait(self) -> None:
+    def _check_wait(self) -> None:
         """Raise `MotionError` where the present task would wait for itself."""
-        before = self.kept_from_beginning()
+        before = self._kept_from_beginning()
         if before is not None:
             raise MotionError(
                 f"{self.what} begins after {before.what}, and is awaited in the block of that: leave the block first."

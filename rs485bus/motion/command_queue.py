@@ -93,7 +93,7 @@ class CommandQueue:
         """Queue a command that was checked."""
         if self._hold is not None and self._hold.done():
             self._hold = None  # whoever commands it now knows how that stop ended
-        handle.kept_from_beginning = lambda: self._kept_open_before(handle)
+        handle._kept_from_beginning = lambda: self._kept_open_before(handle)
         self._waiting.append((handle, carry_out))
         if self._worker is None:
             self._worker = self._bus.spawn(self._work(), f"rs485bus {self._name}")
@@ -144,8 +144,8 @@ class CommandQueue:
     async def drain(self) -> None:
         """Wait until nothing waits or is being carried out. What goes on until a block is left is ended."""
         while self._worker is not None:
-            if self._current is not None and self._current.end_block is not None:
-                self._current.end_block()
+            if self._current is not None and self._current._end_block is not None:
+                self._current._end_block()
             await asyncio.wait([self._worker], timeout=_LOOK_AGAIN)
         await self._held()
 
@@ -155,7 +155,7 @@ class CommandQueue:
         for each in (self._current, *(waiting for waiting, _ in self._waiting)):
             if each is handle:
                 break
-            if each is not None and each.kept_open_by is me:
+            if each is not None and each._kept_open_by is me:
                 return each
         return None
 

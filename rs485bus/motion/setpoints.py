@@ -224,8 +224,8 @@ class SetpointStream:
         self._move, setpoint = self._begin(started.set)
         self._move.add_done_callback(lambda _: started.set())
         try:
-            self._move.check_wait()
-            self._move.end_block = self.end
+            self._move._check_wait()
+            self._move._end_block = self.end
             await started.wait()
         except BaseException:
             self._move.cancel()
@@ -233,7 +233,7 @@ class SetpointStream:
             raise
         if self._move.done():
             await self._move.wait()
-        self._move.kept_open_by = asyncio.current_task()
+        self._move._kept_open_by = asyncio.current_task()
         return setpoint
 
     async def __aexit__(
@@ -241,7 +241,7 @@ class SetpointStream:
     ) -> Literal[False]:
         move = self._move
         assert move is not None
-        move.kept_open_by = None
+        move._kept_open_by = None
         try:
             if error is None:
                 self.end()

@@ -122,8 +122,8 @@ class PairStream:
             move.add_done_callback(lambda _: self._started.set())
         try:
             for move in self._moves:
-                move.check_wait()
-                move.end_block = self._end
+                move._check_wait()
+                move._end_block = self._end
             await self._started.wait()
         except BaseException:
             for move in self._moves:
@@ -134,7 +134,7 @@ class PairStream:
             await asyncio.gather(*(move.wait() for move in self._moves), return_exceptions=True)
             setpoint.check()
         for move in self._moves:
-            move.kept_open_by = asyncio.current_task()
+            move._kept_open_by = asyncio.current_task()
         return setpoint
 
     async def __aexit__(
@@ -144,7 +144,7 @@ class PairStream:
         assert moves is not None
         assert setpoint is not None
         for move in moves:
-            move.kept_open_by = None
+            move._kept_open_by = None
         if error is not None:
             self._give_up()
             return False

@@ -45,7 +45,7 @@ class Both(Generic[T]):
             RequestFailed, MotionError: why the first one failed that was not just taken along.
         """
         for part in (self.left, self.right):
-            part.check_wait()
+            part._check_wait()
         # Both at once: neither is one that fails and nobody waits for.
         left, right = await asyncio.gather(self.left.wait(), self.right.wait(), return_exceptions=True)
         errors = [ended for ended in (left, right) if isinstance(ended, BaseException)]

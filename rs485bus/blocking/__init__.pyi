@@ -436,7 +436,7 @@ class Bus:
         """Stop every device as fast as it can, and let nothing move until `clear_emergency_stop()`.
 
         It happens at once, from any task or signal handler, whether the handle is awaited or not. The report says
-        which devices were read to stand.
+        which devices were read to stand. Raises `BusClosed` where the bus is closed.
         """
         ...
     def failures(self) -> list[Exception]:
@@ -1230,7 +1230,7 @@ class MksServo(MksSetup):
         `watchdog` sets it and keeps it fed; where it is set like this, nobody feeds it.
 
         Raises:
-            LimitExceeded: out of range; nothing is queued.
+            LimitExceeded: out of range; nothing is queued. Awaited, `MotionError`: a watchdog block sets it.
         """
         ...
     def set_outputs(self, *, out_1: bool | OutputMask = ..., out_2: bool | OutputMask = ...) -> Handle[None]:
@@ -1471,6 +1471,9 @@ class TlrSetup(Axis):
         """Let the drive itself stop at two positions, in units of the axis; without them it does so no more.
 
         They count only once the drive was homed since it was switched on (3.5.3).
+
+        Raises:
+            ValueError: one of them is missing, or the higher one comes first.
         """
         ...
     def set_station(self, unit: int) -> Handle[None]:

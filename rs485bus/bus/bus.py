@@ -132,7 +132,7 @@ class Bus:
         """Stop every device as fast as it can, and let nothing move until `clear_emergency_stop()`.
 
         It happens at once, from any task or signal handler, whether the handle is awaited or not. The report says
-        which devices were read to stand.
+        which devices were read to stand. Raises `BusClosed` where the bus is closed.
         """
         self.check_thread()
         if self._owner.gate.closed:

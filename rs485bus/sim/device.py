@@ -22,6 +22,9 @@ class SimDevice(ABC):
 
     Args:
         address: 1..247.
+
+    Raises:
+        ValueError: the address is out of range.
     """
 
     turnaround: float | None = None

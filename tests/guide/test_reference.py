@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from types import FunctionType
@@ -77,6 +79,30 @@ def test_where_a_time_is_asked_for_its_unit_is_said() -> None:
             text = inspect.getdoc(value) or ""
             if not re.search(r"seconds?\b| s\b|as for|As `|Arguments and errors|The same", text):
                 silent.append(name)
+    assert not silent, silent
+
+
+OF_PYTHON = ("TypeError", "AttributeError", "KeyError", "StopAsyncIteration", "NotImplementedError")
+"""Errors of a program's text, which nobody handles."""
+
+
+def raised_by(function: FunctionType) -> set[str]:
+    """The errors that a function raises itself, by name."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    calls = [node.exc.func for node in ast.walk(tree) if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)]
+    return {called.id for called in calls if isinstance(called, ast.Name)} - {*OF_PYTHON, "Refusal"}
+
+
+def test_what_a_public_name_raises_is_said() -> None:
+    silent = []
+    for name, value in NAMES.items():
+        function = value.fget if isinstance(value, property) else value
+        if isinstance(value, type):
+            function = vars(value).get("__init__")
+        text = inspect.getdoc(value) or ""
+        written = isinstance(function, FunctionType) and not function.__code__.co_filename.startswith("<")
+        if written and not re.search(r"as for|As `|Arguments and errors|The same", text):
+            silent += [f"{name}: {error}" for error in raised_by(function) if error not in text]
     assert not silent, silent
 
 

@@ -238,7 +238,7 @@ class MksServo(MksSetup):
         `watchdog` sets it and keeps it fed; where it is set like this, nobody feeds it.
 
         Raises:
-            LimitExceeded: out of range; nothing is queued.
+            LimitExceeded: out of range; nothing is queued. Awaited, `MotionError`: a watchdog block sets it.
         """
         wanted = self._number("heartbeat time", seconds) * 1000
         if not wanted == 0 and not 1 <= wanted <= MksWatchdog.highest:  # less than one would turn it off

@@ -52,6 +52,9 @@ class TlrSetup(Axis):
         """Let the drive itself stop at two positions, in units of the axis; without them it does so no more.
 
         They count only once the drive was homed since it was switched on (3.5.3).
+
+        Raises:
+            ValueError: one of them is missing, or the higher one comes first.
         """
         if low is None or high is None:
             if low is not high:

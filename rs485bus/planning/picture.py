@@ -65,5 +65,5 @@ def _margins(axes: Any, pair: PairPlan) -> None:
         return
     names = [f"{'+'.join(drive.axes)} ({1000 * (drive.watchdog or 0):g} ms)" for drive, _ in guarded]
     colours = [_FITS if margin >= 0 else _TOO_MUCH for _, margin in guarded]
-    axes.barh(names, [1000 * margin for _, margin in guarded], color=colours)
+    axes.barh(names, [1000 * margin for _, margin in guarded], height=min(0.8, 0.15 * len(names)), color=colours)
     axes.axvline(0, color="#333333", linewidth=1)

@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, NoReturn
@@ -100,6 +100,7 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) 
     """
     task: asyncio.Task[Any] | None = None
     signalled = False
+    noted: list[str] = []
 
     def cancel() -> None:
         nonlocal signalled
@@ -110,7 +111,11 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) 
     async def main() -> int:
         nonlocal task
         task = asyncio.current_task()
-        return INTERRUPTED if signalled else await make()
+        try:
+            return INTERRUPTED if signalled else await make()
+        except asyncio.CancelledError as cancelled:
+            noted.extend(getattr(cancelled, "__notes__", ()))
+            raise
 
     factory: Callable[[], asyncio.AbstractEventLoop] | None = None
     if virtual:
@@ -124,7 +129,9 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) 
     except asyncio.CancelledError:
         if not signalled:
             raise
-        return INTERRUPTED
+        for note in dict.fromkeys(noted):
+            print(note, file=sys.stderr)
+        return UNKNOWN if _tells_of_no_stand(noted) else INTERRUPTED
     except typer.Abort:
         print("Interrupted.", file=sys.stderr)
         return INTERRUPTED
@@ -182,7 +189,14 @@ def _words(error: Exception) -> str:
 def exit_code(error: Exception) -> int:
     """What the command ends with, by the worst of an error's causes."""
     codes = {_exit_code(cause) for cause in _causes(error)}
+    if any(_tells_of_no_stand(getattr(cause, "__notes__", ())) for cause in _causes(error)):
+        return UNKNOWN
     return UNKNOWN if UNKNOWN in codes else max(codes)
+
+
+def _tells_of_no_stand(notes: Iterable[str]) -> bool:
+    """Whether an error's notes hold what `StopUnconfirmed` says: it came while another error was raised."""
+    return any("could not be seen standing" in note for note in notes)
 
 
 def _exit_code(error: Exception) -> int:

@@ -9,6 +9,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from rs485bus.cli import process
+from rs485bus.errors import MotionError
 from rs485bus.sim import Machine, SimMks, VirtualLine
 from tests.real.support import in_real_time, posix
 
@@ -154,3 +156,20 @@ def test_sim_whose_output_nobody_reads_ends_without_a_word() -> None:
         assert errors == b""
 
     in_real_time(main)
+
+
+def test_a_motor_that_was_not_seen_standing_counts_whatever_else_was_raised() -> None:
+    async def fails(error: BaseException) -> int:
+        error.add_note("MKS 1 could not be seen standing. Look at the machine.")
+        raise error
+
+    async def interrupted() -> int:
+        signal.raise_signal(signal.SIGINT)
+        try:
+            await asyncio.sleep(9)
+        except asyncio.CancelledError as cancelled:
+            await fails(cancelled)
+        return 0
+
+    assert process.run(lambda: fails(MotionError("it was interrupted"))) == process.UNKNOWN
+    assert process.run(interrupted) == process.UNKNOWN

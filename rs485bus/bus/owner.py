@@ -137,7 +137,8 @@ class Owner:
         if reason is not Reason.NONE:
             self._end(job, Outcome.NOT_SENT, reason)
             return
-        self.queue.put(job, first=job.goes_on)
+        # What confirms a stop waits for no set-point, which waits for the end of that stop.
+        self.queue.put(job, first=job.goes_on or (job.urgency is Urgency.CONFIRM and not job.request.writes))
         if job.expires_at is not None:
             job.timer = self.at(job.expires_at, lambda: self._expire(job))
         if self.pair.job is None:

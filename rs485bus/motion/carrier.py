@@ -77,6 +77,8 @@ class Task:
     """It only changes a move that is under way."""
     begun: bool = False
     """Its start was sent."""
+    lost: str = ""
+    """Why its positions were not to be trusted then."""
     ended: Callable[[Ended], Awaitable[None]] | None = None
     """Waits for the end of a routine of the drive's own."""
     partners: tuple[tuple[PlanCarrier, Task], ...] = ()
@@ -279,7 +281,7 @@ class PlanCarrier:
         for carrier, each in everybody:
             carrier._state.ramp_stop, carrier._state.ramp_takes = step.stop, step.stopping
             self._supervisor.begin(carrier._axis)
-            each.begun, each.move.started_at = True, began
+            each.begun, each.move.started_at, each.lost = True, began, carrier._state.lost
         motion = self._state.motion if not task.partners else self._drive.motion
         # One that turns is not left alone for longer than any that turns: a drive that does not answer is stopped.
         patience = max(1.0, SILENT * self._supervisor.interval)
@@ -343,12 +345,12 @@ class PlanCarrier:
             ReferenceLost: the drive has restarted.
             OutcomeUnknown: nobody can tell, and it must not be said again.
         """
-        state, lost = self._state, self._state.lost
+        state = self._state
         self._knowledge.notice_restart()
         gone = 0 if task.start is None else state.rule.moved(task.start, state.value(Fact.POSITION))
         if task.before and gone * task.before < 0 and abs(gone) > state.jump:
             state.suspect("it is behind where it turned: the drive may have restarted.")
-        if state.lost and (state.lost != lost or task.target is not None):
+        if state.lost and (state.lost != task.lost or task.target is not None):
             self._knowledge.check_reference()
         if step.taken is not None and step.taken():
             return True
@@ -356,6 +358,10 @@ class PlanCarrier:
             return state.stands is True
         if not state.stands:
             return is_speed(state.value(Fact.SPEED), task.rpm) if task.before and task.rpm else not task.under_way
+        if task.under_way and task.target is not None:
+            there = state.rule.moved(task.target, state.value(Fact.POSITION))
+            if abs(there) <= state.jump:
+                return True  # it has gone there meanwhile
         if task.before or task.under_way:
             raise OutcomeUnknown(f"{self._name} stands, though it turned when it was told something else.")
         short = task.target is not None and abs(task.target - (task.start or 0)) <= _TOO_SHORT * state.rule.same

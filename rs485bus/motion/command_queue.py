@@ -9,7 +9,9 @@ from typing import Any, TypeVar
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.errors import BusError, MotionError, MoveCancelled, QueueFull
+from rs485bus.errors import BusError, DeviceRefused, MotionError, MoveCancelled, MoveFailed, NotSent, QueueFull
+from rs485bus.motion.move import Move
+from rs485bus.wire.frames import is_read
 
 T = TypeVar("T")
 
@@ -173,6 +175,7 @@ class CommandQueue:
                 except Exception as error:
                     if isinstance(error, BusError):
                         await self._make_safe(handle)
+                        error = _of_a_motion(handle, error)
                     self._current = None
                     self._failed = handle
                     handle.fail(error)
@@ -208,3 +211,17 @@ class CommandQueue:
         waiting, self._waiting = self._waiting, deque()
         for handle, _ in waiting:
             handle.fail(error)
+
+
+def _of_a_motion(handle: Handle[Any], error: BusError) -> BusError:
+    """What a command failed of: of one that has set the axis in motion it is not said that nothing was done."""
+    begun = isinstance(handle, Move) and handle.started_at is not None
+    asking = isinstance(error, NotSent) or (isinstance(error, DeviceRefused) and is_read(error.request))
+    if not (begun and asking):
+        return error
+    failed = MoveFailed(
+        f"{handle.what} was begun, and ended when its drive could not be asked: "
+        f"{str(error).replace(' Nothing was done.', '')}"
+    )
+    failed.__cause__ = error
+    return failed

@@ -106,6 +106,10 @@ class Course(ABC):
         """When it must be told to stop, lest it leaves the limits of the axis."""
         return _FOREVER
 
+    def failed(self) -> None:
+        """It has ended without being done: nothing more is told for it."""
+        return
+
     def place(self) -> str:
         """Where the axis stands, for messages."""
         return "has stopped"
@@ -177,7 +181,8 @@ class MoveCourse(Course):
         tolerance: counts by which the axis may differ from it in the end.
         profile: how it goes.
         counts_per_turn: of the axis.
-        proof: what must be asked before it counts as arrived, because a restart could look like that.
+        proof: what must be asked where it stands before it counts as arrived at zero, because a restart could look like
+            that.
         late: seconds after its start was sent within which the drive had answered that.
         others as for `Course`.
     """
@@ -202,7 +207,7 @@ class MoveCourse(Course):
         self.target = target
         self.tolerance = tolerance
         self.profile: Profile | None = profile
-        self.proof = self.facts = proof
+        self._marks = proof
         self._furthest = 0.0
         """How far it has gone, in counts."""
         self._counts_per_turn = counts_per_turn
@@ -212,6 +217,7 @@ class MoveCourse(Course):
     def change(self, target: int, eta: float, profile: Profile | None) -> None:
         """It goes elsewhere now, and should be there at a time; by no known profile, perhaps."""
         self.target = target
+        self.facts = self._marks if abs(target) <= self.state.jump else ()
         self.eta = eta
         self.profile = profile
         self.deadline = 2 * eta - self.started_at + 1
@@ -237,7 +243,7 @@ class MoveCourse(Course):
             return self._in_time()
         arrived = deviation <= self.tolerance and self._has_moved()
         if arrived:
-            stands = self.state.stands and self.state.since(self.started_at, self.proof)
+            stands = self.state.stands and self.state.since(self._arrived_at, self.facts)
             return Verdict.DONE if stands else self._in_time(_SEEN_TO_STAND)
         if self._is_backwards():
             self.state.suspect("its position jumped back: the drive may have restarted.")
@@ -257,13 +263,18 @@ class MoveCourse(Course):
         near = deviation is not None and deviation <= max(self.tolerance, self.state.jump)
         if fact is Fact.POSITION and near and not self._has_moved():
             return self.begun_at  # it may have to start yet
-        if fact in self.proof and near and self.state.known(fact).at < self.started_at:
+        if fact in self.facts and near and self.state.stands and self.state.known(fact).at < self._arrived_at:
             return NEVER
         asked = self.state.known(Fact.POSITION).at
         profile = self.profile
         if fact is Fact.POSITION and profile and self._falls_behind(profile.turns_after, self._counts_per_turn):
             return asked + LOOK_AGAIN / 2
         return self._due_at_end(fact, min(self.eta, asked) if near else self.eta, self._pause)
+
+    @property
+    def _arrived_at(self) -> float:
+        """When it was first seen where it stands."""
+        return max(self.started_at, self.state.standstill.since)
 
     def _is_at_a_limit(self) -> bool:
         # It may have been sent just there.

@@ -149,7 +149,8 @@ class Drive(DeviceAdapter):
     turns_through_zero = False
     """In a stream it may be told a speed the other way while it turns. Else it is slowed down to a stand before."""
     tells_restarts = False
-    """What it says afterwards shows every restart: one that was not heard for a while need not be suspected of it."""
+    """What it says afterwards shows every restart: one that was not heard for a while need not be suspected of it. Of
+    another one that counts from zero then, what is found at zero after a silence is not trusted."""
     stall_remedy = ""
     """What to do about a stall, in a sentence."""
     fault_remedy = ""
@@ -298,9 +299,13 @@ class Drive(DeviceAdapter):
 
     def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
         try:
-            self.state.hear(asked_at, now, () if request.writes else self.decode(request, reply))
+            told = () if request.writes else self.decode(request, reply)
+            self.state.hear(asked_at, now, told, tells_restarts=self.tells_restarts)
         except Exception:
             _log.exception("%s: what was told of it by %s could not be understood", self.name, reply.hex(" "))
+
+    def on_unanswered(self) -> None:
+        self.state.silence.missed()
 
     def on_sent(self, request: Request, at: float) -> None:
         for number, effect in enumerate(self.effects(request)):
@@ -363,4 +368,13 @@ class _StopJudge(StandstillDetector):
         self.by_status_alone = None in verdicts and says_so
         if None in verdicts and not self.by_status_alone:
             return False if moves else None
+        if not self.by_status_alone:
+            self._note_where(sent_at)
         return True
+
+    def _note_where(self, sent_at: float) -> None:
+        """They stand where they were seen last: what is found elsewhere later has restarted."""
+        for axis, still in self._still.items():
+            state = self._drive.state.axes[axis]
+            if sent_at >= self._drive.may_start_until(state.motion):
+                state.stood_at = still.position

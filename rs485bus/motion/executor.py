@@ -17,7 +17,6 @@ from rs485bus.errors import (
     DriveFault,
     LimitReached,
     MotionError,
-    MoveFailed,
     NoReply,
     NotEnabled,
     RearmRequired,
@@ -33,6 +32,7 @@ from rs485bus.motion.move import Move, MoveState
 from rs485bus.motion.other_courses import HomingCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ended, Plan
+from rs485bus.motion.reference import Reference
 from rs485bus.motion.retargeting import Change, Retargeting
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
@@ -74,6 +74,7 @@ class MoveExecutor:
         self._supervisor = supervisor
         self._state = self.knowledge.state
         self._carrier = PlanCarrier(bus, drive, axis, name, self.knowledge, stops, supervisor, self.stumble)
+        self._reference = Reference(bus, drive, axis, name, self.knowledge, self._carrier, lambda: self.tolerance)
         self.carry = self._carrier.carry
         self._retargeting = Retargeting(bus, drive, axis, name, self.knowledge, self._carrier)
         self._wake = asyncio.Event()
@@ -110,8 +111,9 @@ class MoveExecutor:
         """Make the position at which it then stands its zero."""
         await self.carry(self._drive.set_up)
         await self._carrier.have_it_stand()
-        await self.carry(lambda: self._drive.zero(self._axis))
-        await self._take_reference(at_zero=True)
+        self.commanded = None
+        await self._reference.zero()
+        self.commanded = 0
 
     async def seek(self, move: Move, plan: Callable[[], Plan[None]], *, by_reference: bool, at_zero: bool) -> int:
         """Have the drive find its reference by a routine of its own, or go there `by_reference` to the one that is set
@@ -128,8 +130,14 @@ class MoveExecutor:
         move.state = MoveState.STARTING
         self.commanded = None
         task = Task(move, start=self._state.value(Fact.POSITION), ended=lambda step: self._see_it_found(step, move))
-        await self.carry(plan, task)
-        return await self._take_reference(at_zero=at_zero)
+        self._state.counts_anew = not by_reference
+        try:
+            await self.carry(plan, task)
+        finally:
+            self._state.counts_anew = False
+        position = await self._reference.take(at_zero=at_zero)
+        self.commanded = 0 if at_zero else position
+        return position
 
     async def move(
         self,
@@ -175,7 +183,7 @@ class MoveExecutor:
             counts_per_turn=ability.counts_per_turn,
             # Where a drive counts from after a restart, it could have restarted instead of arriving.
             late=late,
-            proof=self._drive.marks(self._axis) if abs(target) <= self._state.jump else (),
+            proof=self._drive.marks(self._axis),
         )
         if isinstance(move, GroupMemberMove):
             course.interval = _WATCH
@@ -253,17 +261,6 @@ class MoveExecutor:
         else:
             await self.carry(make, task)
         task.move.state = MoveState.MOVING
-
-    async def _take_reference(self, *, at_zero: bool) -> int:
-        """Trust positions from now on; where it stands. Raises `MoveFailed` where that should be at zero and is not."""
-        await self.knowledge.afresh(Fact.POSITION)
-        position: int = self._state.value(Fact.POSITION)
-        if at_zero and abs(position) > max(self.tolerance, self._state.rule.same):
-            raise MoveFailed(f"{self._name} was set to zero and reports {position} {self._state.unit}.")
-        self._state.lost = ""
-        self._state.stood_at = position
-        self.commanded = 0 if at_zero else position
-        return position
 
     async def _rearm(self, timeout: float) -> None:
         if not await admit_and_arm(self._bus, self._drive, timeout):

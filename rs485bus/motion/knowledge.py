@@ -12,16 +12,19 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.job import Urgency
-from rs485bus.errors import ReferenceLost
+from rs485bus.errors import DeviceRefused, ReferenceLost
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import FRESH, AxisState, Fact
+from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request
 
 _LOOK_AGAIN = 0.005
 _ATTEMPTS = 3
-"""How often something is asked whose answer may have been that to something older, or tells nothing."""
+"""How often something is asked that is refused, whose answer tells nothing or may have been that to something older."""
+_REFUSED = 0.02
+"""Seconds after which something is asked again that was refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +68,23 @@ class Questions:
         self._asking[request.adu] = (now, answered)
         answer = None
         try:
-            answer = Answer(now, request, await self._bus.ask(request, urgency=Urgency.POLL))
+            answer = Answer(now, request, await self._until_not_refused(request))
             return answer
         finally:
             if self._asking.get(request.adu, (NEVER, None))[1] is answered:
                 del self._asking[request.adu]
             settle(answered, answer)  # None: who waits for it asks anew
+
+    async def _until_not_refused(self, request: Request) -> bytes:
+        """Ask; and ask again where it is said that the drive has failed to answer this time, or is still at it."""
+        for _ in range(_ATTEMPTS - 1):
+            try:
+                return await self._bus.ask(request, urgency=Urgency.POLL)
+            except DeviceRefused as refused:
+                if refused.code is None or exception(refused.code).meaning is Meaning.REFUSED:
+                    raise
+            await anyio.sleep(_REFUSED)
+        return await self._bus.ask(request, urgency=Urgency.POLL)
 
     def _free(self, fact: Fact) -> Request:
         """What to ask for a fact: where a late reply could be taken for its answer, something that tells it, too."""

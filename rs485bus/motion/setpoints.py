@@ -63,6 +63,9 @@ class StreamCourse(Course):
         refused = self._streamer.refused
         return f"was told a speed in its stream ({refused})" if refused else "has stopped during its stream"
 
+    def failed(self) -> None:
+        self._streamer.close()
+
     def judge(self) -> Verdict:
         verdict = super().judge()
         if verdict is Verdict.DOUBTFUL:

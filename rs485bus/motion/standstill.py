@@ -80,6 +80,11 @@ class Standstill:
         self.until = at
 
     @property
+    def position(self) -> int | None:
+        """Where it is, as long as it has not moved from there."""
+        return self._position
+
+    @property
     def unmoved(self) -> float:
         """For how many seconds the position is known not to have changed."""
         return self.until - self.since if self._position is not None else 0.0

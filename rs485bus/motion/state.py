@@ -11,9 +11,13 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from rs485bus.bus.units.motion import Motion
+from rs485bus.motion.silence import Silence
 from rs485bus.motion.standstill import NEVER, Standstill, StandstillRule
 from rs485bus.wire.frames import Request
 
+_FOREVER = float("inf")
+_STAYS = 0.2
+"""The part of a jump by which a position may differ that is none."""
 FRESH = 0.25
 """Seconds after which a drive that was not heard may have restarted, and a standing axis is looked at again."""
 
@@ -83,11 +87,21 @@ class AxisState:
         """Whether its motor was told to hold the shaft; None if it was told nothing since it started."""
         self.lost = ""
         """Why its positions are not to be trusted."""
+        self.distrusted = ""
+        """That, where it was last for another reason than a restart."""
         self.fastest = 0.0
         """How fast it can have moved since it last stood, in counts a second."""
         self.between: tuple[int, int | None] | None = None
         """From where to where it went, in counts, when nobody knows what became of that: where it is seen next shows
         whether its drive has restarted. The end is None where it may have gone anywhere."""
+        self.silent_since = NEVER
+        """When its drive gave the last answer before a silence in which it may have restarted."""
+        self.back_at: float | None = None
+        """When it was asked what it answered first after that; None where its position was told since."""
+        self.was_unheard = False
+        """Its drive was not heard for so long, before its last answer, that it may have restarted."""
+        self.counts_anew = False
+        """Its drive looks for its reference, and counts from there: no position shows that it has restarted."""
         self.stopped_at = NEVER
         """When a frame was last sent that stops it, whoever sent it."""
         self.ramp_stop: Request | None = None
@@ -111,6 +125,10 @@ class AxisState:
     def value(self, fact: Fact) -> Any:
         """The value of `known`."""
         return self.known(fact).value
+
+    def changed_at(self, fact: Fact) -> float:
+        """When the last frame was sent that can have changed a fact."""
+        return self._changed.get(fact, NEVER)
 
     def since(self, at: float, facts: Iterable[Fact]) -> bool:
         """Whether all these facts were asked for at a time or later."""
@@ -159,14 +177,23 @@ class AxisState:
         self.motion.stands(self.standstill.until)
 
     def suspect(self, why: str) -> None:
-        """Its positions are not to be trusted."""
+        """Its drive may have restarted: its positions are not to be trusted."""
         self.lost = self.lost or why
+
+    def distrust(self, why: str) -> None:
+        """Its positions are not to be trusted, for another reason."""
+        if not self.lost:
+            self.lost = self.distrusted = why
 
     def _notice_jump(self, before: Known, position: int, now: float) -> None:
         """Notice a position to which it cannot have come: its drive counts anew."""
         if self.may_be_moved:
             self.stood_at = None
         between, self.between = self.between, None
+        back_at, self.back_at = self.back_at, None
+        unheard, self.was_unheard = self.was_unheard, False
+        if self.counts_anew:
+            return
         if between is not None and not self._is_plausible(position, *between):
             self.suspect("it is not where it could have gone while it was not heard: the drive may have restarted.")
         elif self.stood_at is not None and self.holds:
@@ -184,6 +211,32 @@ class AxisState:
                     f"it is {way} {self.unit} from where it was, sooner than it can have gone there: the drive may "
                     "have restarted."
                 )
+        if before.value is None:
+            return
+        if back_at is not None and self._may_count_anew(before, position, now - back_at):
+            self.suspect(
+                f"its drive did not answer for a while, and then it was {position} {self.unit} from zero, from where "
+                "it counts when it has restarted."
+            )
+        elif unheard and self._is_just_at_zero(before, position):
+            self.suspect(
+                f"it was {before.value} {self.unit} from zero when it was heard last, and stands at zero now, from "
+                "where its drive counts when it has restarted."
+            )
+
+    def _is_just_at_zero(self, before: Known, position: int) -> bool:
+        """Whether it stands exactly where a drive begins to count, and stood elsewhere, whether it was held or not."""
+        moved = self.motion.may_move or before.at < self._changed.get(Fact.POSITION, NEVER)
+        return not moved and abs(before.value) > self.jump and abs(position) <= self.rule.same
+
+    def _may_count_anew(self, before: Known, position: int, for_seconds: float) -> bool:
+        """Whether a drive that may have restarted, and answers again for so many seconds, can have counted to this
+        position since; and that would matter."""
+        told = self.motion.commanded_at > self.silent_since and self.fastest < _FOREVER
+        reach = self.jump + (self.fastest * for_seconds if told else 0.0)
+        moved = self.motion.may_move or self.motion.commanded_at > before.at
+        stayed = not moved and abs(self.rule.moved(before.value, position)) <= self.jump * _STAYS
+        return abs(position) <= reach and not stayed
 
     def _is_plausible(self, position: int, start: int, end: int | None) -> bool:
         """Whether a motion from one place to another may have ended here; at zero, where a drive begins to count after
@@ -206,16 +259,30 @@ class DriveState:
         """When it was last asked something that it answered."""
         self.gap_at = NEVER
         """When it was first heard after its last silence, in which it may have restarted."""
+        self._answered_at = NEVER
+        """When its last reply came."""
+        self.silence = Silence()
         self._listeners: list[Callable[[], None]] = []
 
     def listen(self, listener: Callable[[], None]) -> None:
         """Call back after every reply, and after every frame that changes something."""
         self._listeners.append(listener)
 
-    def hear(self, at: float, now: float, told: Iterable[Facts]) -> None:
-        """A reply told these facts, of each axis. It came now, and was asked for at a time or later."""
+    def hear(self, at: float, now: float, told: Iterable[Facts], *, tells_restarts: bool = True) -> None:
+        """A reply told these facts, of each axis. It came now, and was asked for at a time or later.
+
+        Where the drive does not tell its restarts, and was silent for a while, where it is next is held against that.
+        """
         if at > self.heard_at + FRESH:
             self.gap_at = at
+            for axis in self.axes:
+                axis.was_unheard = not tells_restarts
+        if self.silence.answered() and now > self._answered_at + FRESH:
+            self.gap_at = now  # the first attempt may have been made long ago
+            if not tells_restarts:
+                for axis in self.axes:
+                    axis.silent_since, axis.back_at = self._answered_at, at
+        self._answered_at = now
         self.heard_at = max(self.heard_at, at)
         for axis, facts in zip(self.axes, told, strict=False):
             if facts:

@@ -177,7 +177,7 @@ class Supervisor:
         """Tell the owner that the drive may have started anew: its watchdog may be off."""
         if watched.lost != watched.state.lost:
             watched.lost = watched.state.lost
-            if watched.lost:
+            if watched.lost and watched.lost != watched.state.distrusted:
                 owner = self._bus.owner
                 owner.stops.restarted(owner.units[self._drive.address])
                 watched.tell(EventKind.RESTART, watched.lost)
@@ -236,6 +236,8 @@ class Supervisor:
             self._end(watched, Verdict.DOUBTFUL, diagnose(self._drive, axis, watched.name, course, cause))
 
     def _end(self, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
+        if watched.course is not None and error is not None:
+            watched.course.failed()
         told, watched.course, watched.told, watched.doubted_at = watched.told, None, None, None
         if error is not None and not isinstance(error, ReferenceLost):
             watched.changes.failed(error, silent=verdict is Verdict.SILENT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -280,9 +281,9 @@ class SimMks(SimDevice):
 
     def _read(self, pdu: bytes, now: float) -> bytes | None:
         motion = self.motion
-        turns, part = divmod(motion.motor.position(now), 1.0)
+        turns, value = divmod(math.floor(motion.motor.position(now) * r.COUNTS_PER_TURN), r.COUNTS_PER_TURN)
         values: dict[int, bytes] = {
-            r.ENCODER.address: r.ENCODER.encode(int(turns), int(part * r.COUNTS_PER_TURN)),
+            r.ENCODER.address: r.ENCODER.encode(turns, value),
             r.POSITION.address: r.POSITION.encode(motion.counts(now)),
             r.SPEED.address: r.SPEED.encode(round(motion.motor.rpm(now))),
             r.PULSES.address: r.PULSES.encode(motion.pulses(now) % 0x1_0000_0000),

@@ -92,6 +92,11 @@ def _alike(a: bytes, b: bytes) -> bool:
     return a.startswith(b) or b.startswith(a)
 
 
+def is_read(adu: bytes) -> bool:
+    """Whether a request does nothing but read, by functions 01 to 04."""
+    return 1 <= adu[1] <= 4
+
+
 def payload(reply: bytes) -> bytes:
     """The data bytes of a reply to a register read (functions 3 and 4)."""
     return reply[3:-2]

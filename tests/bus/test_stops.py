@@ -10,7 +10,7 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.mks import registers as r
-from rs485bus.devices.mks.frames import read, write
+from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.devices.mks.values import Status
 from rs485bus.sim import Noise
 from rs485bus.sim.rig import Rig
@@ -55,6 +55,18 @@ def test_a_stop_is_confirmed_by_reading_that_the_axis_stands() -> None:
     stop, look = (frame for _, frame in rig.sent[:2])
     assert is_stop(stop)
     assert look == read(1, r.STATUS).adu
+
+
+def test_what_confirms_a_stop_goes_before_a_set_point_that_waits_for_its_end() -> None:
+    rig = Rig()
+    (drive,) = running(rig, 1)
+    drive.stop(rig)
+    run = write_block(1, r.RUN, 0, 250, 100)
+    waits = rig.submit(run, urgency=Urgency.CONFIRM, moves=True, motion=drive.attached.motion, retries=0)
+    rig.run(1.0)
+    assert [halted.standing for halted in drive.halted] == [True]
+    assert waits.outcome is Outcome.REPLY
+    assert rig.sent[-1][1] == run.adu
 
 
 def test_an_echo_alone_confirms_nothing_and_the_stop_is_repeated_until_it_stands() -> None:

@@ -216,6 +216,26 @@ async def test_lost_replies_cost_a_delay_and_no_stop(make: Make, lost: int) -> N
 
 @FAMILIES
 @virtual
+async def test_a_stream_that_is_left_when_its_drive_does_not_answer_ends_by_an_error(make: Make) -> None:
+    for silent in (0.3, 0.8, 1.5, 2.5):
+        async with rig(make) as on:
+            begun = 0.0
+            with suppress(MotionError):
+                async with on.axis.stream(timeout=0.25) as setpoint:
+                    for rpm in (60, 120, -60):
+                        setpoint(rpm)
+                        await asyncio.sleep(0.05)
+                    receive = on.sim.receive
+                    on.sim.receive = lambda frame, at: None
+                    asyncio.get_running_loop().call_later(silent, lambda: setattr(on.sim, "receive", receive))  # noqa: B023
+                    begun = now()
+            assert now() - begun < 4.0 + silent
+            await on.axis.enable()
+            await on.axis.stop()
+
+
+@FAMILIES
+@virtual
 async def test_a_loss_of_the_last_frame_is_made_good(make: Make) -> None:
     """Also of the one that tells it to stand."""
     async with rig(make) as on, on.axis.stream(timeout=30.0, acceleration=math.inf) as setpoint:

@@ -157,6 +157,10 @@ class DeviceAdapter(ABC):
         """It has answered, whoever asked. `asked_at` is the earliest time at which this reply can have been asked for:
         one that may have come late is that old. Refusals and exceptions are not told."""
 
+    def on_unanswered(self) -> None:
+        """It has not answered a request in its time, whoever asked."""
+        return
+
     def on_sent(self, request: Request, at: float) -> None:
         """A write to it goes out, whoever sends it, or a broadcast that it hears."""
         return

@@ -264,6 +264,8 @@ class MksDrive(Drive):
         """Its zero was found, or set, with the homing status that it reports."""
         homed = self.axis.value(Fact.MARK)
         self.homed = homed if Homed.DONE in homed else None
+        # To the zero of the turn it homes by itself when it is switched on (5.6): that is no proof.
+        self.tells_restarts = homed[1] is Homed.DONE
 
     def move(self, axis: int, target: int, parameters: MotionParameters) -> Plan[None]:
         # One frame says it all.

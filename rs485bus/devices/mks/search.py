@@ -7,9 +7,9 @@ from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import write
 from rs485bus.devices.mks.homing import Homing, SingleTurnHoming
 from rs485bus.devices.mks.values import GoHome, Homed
-from rs485bus.errors import HomingFailed, MoveFailed, MoveTimeout, ReferenceLost
+from rs485bus.errors import HomingFailed, MotorStalled, MoveFailed, MoveTimeout, ReferenceLost
 from rs485bus.motion.diagnosis import LOST
-from rs485bus.motion.plan import Ended, Know, Plan, Start
+from rs485bus.motion.plan import Ended, Know, Plan, Stand, Start
 from rs485bus.motion.state import Fact
 
 _SINGLE_TURN, _ORIGIN = 0, 1
@@ -28,7 +28,8 @@ def find_origin(drive: MksDrive, homing: Homing | None, timeout: float) -> Plan[
     half = None if homing is None else _SINGLE_TURN if isinstance(homing, SingleTurnHoming) else _ORIGIN
     before = yield from _seek(drive, GoHome.ORIGIN, timeout, half)
     if not before:
-        drive.axis.suspect("its homing ended without an origin.")
+        drive.axis.distrust("its homing ended without an origin.")
+        yield Stand(surely=True)
         yield Know((Fact.STALLED,), afresh=True)
         stalled = " It reports a stall." if drive.axis.value(Fact.STALLED) else ""
         raise HomingFailed(
@@ -53,7 +54,12 @@ def return_to_zero(drive: MksDrive, timeout: float) -> Plan[None]:
     if axis.lost:
         raise ReferenceLost(f"{drive.name}: {axis.lost} {LOST}")
     if abs(axis.value(Fact.POSITION)) > axis.jump:
-        raise MoveFailed(f"{drive.name} stands {axis.value(Fact.POSITION)} counts from zero. {drive.what_else(0)}")
+        short = f"{drive.name} stands {axis.value(Fact.POSITION)} counts from zero"
+        yield Stand(surely=True)  # where something holds its shaft, it would go on when that lets go
+        yield Know((Fact.STALLED,), afresh=True)
+        if axis.value(Fact.STALLED):
+            raise MotorStalled(f"{short}, and reports a stall. {drive.stall_remedy}")
+        raise MoveFailed(f"{short}. {drive.what_else(0)}")
 
 
 def _seek(drive: MksDrive, how: GoHome, timeout: float, half: int | None) -> Plan[bool]:
@@ -75,13 +81,13 @@ def _seek(drive: MksDrive, how: GoHome, timeout: float, half: int | None) -> Pla
     try:
         yield Ended(lambda: None if Homed.UNDER_WAY in axis.value(Fact.MARK) else True, (Fact.MARK,), timeout)
     except MoveTimeout as late:
-        axis.suspect("its homing did not end.")
+        axis.distrust("its homing did not end.")
         raise HomingFailed(
             f"{drive.name} has not found its origin within {timeout:g} s and was stopped. Check the switch, the "
             "direction and the speed."
         ) from late
     except MoveFailed as error:
-        axis.suspect("its homing was broken off.")
+        axis.distrust("its homing was broken off.")
         raise HomingFailed(str(error)) from error
     homed = axis.value(Fact.MARK)
     return Homed.DONE in homed if half is None else homed[half] is Homed.DONE

@@ -5,7 +5,7 @@ import pytest
 
 from rs485bus.devices.mks import Homed, Level, Model, ParameterDirection, SingleTurnHoming, StopHoming, SwitchHoming
 from rs485bus.devices.mks import registers as r
-from rs485bus.errors import HomingFailed, LimitExceeded, NotEnabled, OutcomeUnknown, ReferenceLost
+from rs485bus.errors import HomingFailed, LimitExceeded, MotorStalled, NotEnabled, OutcomeUnknown, ReferenceLost
 from rs485bus.sim import Machine
 from tests.devices.mks.bench import FlakyMks, bench, on_virtual_clock
 
@@ -128,6 +128,21 @@ async def test_homing_can_be_stopped_and_is_an_emergency_stop() -> None:
         assert move.state.value == "cancelled"
         assert len(on.sent(r.EMERGENCY_STOP)) == 1
         assert not on.sim.moving(on.bus.now())
+
+
+@on_virtual_clock
+async def test_a_shaft_that_is_held_on_its_direct_way_back_does_not_go_on_when_it_is_free() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.move_to(2.0)
+        way = on.axis.return_to_zero()
+        await anyio.sleep(0.1)
+        on.sim.put_load(9000, on.bus.now())
+        with pytest.raises(MotorStalled, match="counts from zero"):
+            await way
+        stands = on.shaft
+        on.sim.put_load(0, on.bus.now())
+        await anyio.sleep(2)
+        assert on.shaft == stands
 
 
 @on_virtual_clock

@@ -1,12 +1,16 @@
 """A drive that restarts counts from zero where it then stands. Nobody is to take that for the old zero."""
 
+import random
 from collections.abc import Callable
+from contextlib import suppress
 
 import anyio
 import pytest
 
+from rs485bus.devices.mks import Homed, SingleTurnHoming
 from rs485bus.devices.mks import registers as r
-from rs485bus.errors import OutcomeUnknown, RearmRequired, ReferenceLost
+from rs485bus.errors import NoReply, OutcomeUnknown, RearmRequired, ReferenceLost, StopUnconfirmed
+from rs485bus.motion.silence import Silence
 from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock, under_way
 
 
@@ -168,3 +172,259 @@ async def test_a_drive_that_restarted_while_the_port_was_lost_does_not_travel() 
         with pytest.raises(ReferenceLost):
             await on.axis.move_to(6.0)
         assert on.shaft == pytest.approx(5.0, abs=1e-3)
+
+
+# A drive that was set to zero, not homed, and is energised when it is switched on, shows nothing of a restart but that
+# it counts from zero, and that it does not answer for a while.
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarts_on_its_way_to_a_zero_that_was_set_has_not_arrived() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.set_zero()
+        await on.axis.move_to(2.0)
+        move = on.axis.move_to(0.0)
+        await under_way(move, 0.2)
+        on.sim.restart(on.bus.now())
+        with pytest.raises(ReferenceLost, match="did not answer for a while"):
+            await move
+        await on.axis.enable()
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_by(0.5)
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarts_instead_of_starting_to_a_zero_that_was_set_has_not_arrived() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.set_zero()
+        await on.axis.move_to(2.0)
+        on.sim.instead(r.MOVE_TO_COUNTS, on.sim.restart)
+        with pytest.raises(ReferenceLost, match="did not answer for a while"):
+            await on.axis.move_to(0.0)
+        assert on.shaft == pytest.approx(2.0, abs=1e-3)
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarts_on_its_way_from_zero_is_not_said_to_stand_short_of_its_target() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.set_zero()
+        move = on.axis.move_to(3.0)
+        await under_way(move, 0.1)
+        on.sim.restart(on.bus.now())
+        with pytest.raises(ReferenceLost):
+            await move
+        await on.axis.enable()
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_to(1.0)
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarts_after_an_emergency_stop_does_not_travel() -> None:
+    async with bench(FlakyMks()) as on:
+        on.axis.move_to(9.0)
+        await anyio.sleep(0.5)
+        assert (await on.bus.emergency_stop()).all_standing
+        on.bus.clear_emergency_stop()
+        on.sim.restart(on.bus.now())
+        await anyio.sleep(1)
+        await on.axis.enable()
+        stands = on.shaft
+        with pytest.raises(ReferenceLost, match="nobody moved it"):
+            await on.axis.move_to(0.5)
+        assert on.shaft == stands
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarts_during_a_relative_move_does_not_go_on_from_there() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.move_by_pulses(6400)
+        move = on.axis.move_by_counts(-16384)
+        await under_way(move, 0.06)
+        on.sim.restart(on.bus.now())
+        with pytest.raises(ReferenceLost):
+            await move
+        await on.axis.enable()
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_to_pulses(3200)
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarts_on_its_direct_way_back_to_zero_has_not_returned() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.set_zero()
+        await on.axis.move_to(4.0)
+        move = on.axis.return_to_zero()
+        await anyio.sleep(0.2)
+        on.sim.restart(on.bus.now())
+        with pytest.raises(ReferenceLost):
+            await move
+
+
+@on_virtual_clock
+async def test_that_a_drive_homes_in_its_turn_when_it_is_switched_on_does_not_hide_that_it_was() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.home(SingleTurnHoming(set_zero_here=True))
+        await on.axis.move_to(3.0)
+        move = on.axis.move_to(0.0)
+        await under_way(move, 0.2)
+        on.sim.restart(on.bus.now())
+        with pytest.raises(ReferenceLost):
+            await move
+
+
+@on_virtual_clock
+async def test_a_few_lost_looks_on_the_way_to_zero_are_no_restart() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.set_zero()
+        for _ in range(5):
+            await on.axis.move_to(1.0)
+            move = on.axis.move_to(0.0)
+            await under_way(move, 0.05)
+            on.sim.lose_request(r.POSITION, times=2)
+            assert await move == pytest.approx(0.0, abs=1e-3)
+
+
+@on_virtual_clock
+async def test_a_drive_that_was_not_heard_for_a_while_and_is_not_near_zero_has_not_restarted() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.set_zero()
+        move = on.axis.move_to(9.0)
+        await under_way(move, 0.3)
+        on.sim.lose_request(r.POSITION, times=3)
+        assert await move == pytest.approx(9.0, abs=1e-3)
+
+
+# A zero of which nobody knows whether it was set
+
+
+@on_virtual_clock
+async def test_a_zero_whose_answer_was_lost_again_and_again_is_settled_by_reading() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.move_to(1.0)
+        on.sim.lose_reply(r.SET_ZERO, times=4)
+        await on.axis.set_zero()
+        await on.axis.move_by(0.5)
+        assert on.shaft == pytest.approx(1.5, abs=1e-3)
+
+
+@on_virtual_clock
+async def test_a_zero_that_never_reached_the_drive_leaves_the_old_one() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.move_to(1.0)
+        on.sim.lose_request(r.SET_ZERO, times=4)
+        with pytest.raises(NoReply):
+            await on.axis.set_zero()
+        await on.axis.move_by(0.5)
+        assert await on.axis.move_to(2.0) == pytest.approx(2.0, abs=1e-3)
+        assert on.shaft == pytest.approx(2.0, abs=1e-3)
+
+
+@on_virtual_clock
+async def test_where_nobody_knows_whether_a_zero_was_set_no_position_is_gone_to() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.move_to(1.0)
+        on.sim.lose_reply(r.SET_ZERO, times=4)
+        on.sim.lose_request(r.POSITION, times=7)
+        with pytest.raises(NoReply):
+            await on.axis.set_zero()
+        await anyio.sleep(2)
+        await on.axis.enable()
+        for start in (lambda: on.axis.move_to(2.0), lambda: on.axis.move_by(0.5)):
+            with pytest.raises(ReferenceLost, match="whether its zero was set"):
+                await start()
+        await on.axis.set_zero()
+        assert await on.axis.move_to(0.5) == pytest.approx(0.5, abs=1e-3)
+        assert on.shaft == pytest.approx(1.5, abs=1e-3)
+
+
+@on_virtual_clock
+async def test_a_drive_that_restarts_while_it_is_stopped_on_its_first_way_from_zero_does_not_travel() -> None:
+    """Where it is was not read between its start at zero and the restart, after which it counts from zero again."""
+    async with bench(FlakyMks()) as on:
+        on.axis.move_to(3.0)
+        await anyio.sleep(0.04)
+        on.sim.restart(on.bus.now())
+        with suppress(StopUnconfirmed):
+            await on.axis.stop()
+        await anyio.sleep(1)
+        await on.axis.enable()
+        with pytest.raises(ReferenceLost):
+            await on.axis.move_to(0.0)
+
+
+@pytest.mark.parametrize("before", ["asked", "released"])
+@on_virtual_clock
+async def test_a_drive_that_restarts_before_its_first_move_or_while_it_is_released_does_not_travel(before: str) -> None:
+    async with bench(FlakyMks()) as on:
+        if before == "released":
+            await on.axis.move_to(3.0)
+            await on.axis.disable()
+        else:
+            on.sim.motion.zero -= 3.0  # it was there before this program
+        assert await on.axis.position() == pytest.approx(3.0, abs=1e-3)
+        await anyio.sleep(1)
+        on.sim.restart(on.bus.now())
+        await anyio.sleep(1)
+        await on.axis.enable()
+        stands = on.shaft
+        with pytest.raises(ReferenceLost, match="stands at zero now"):
+            await on.axis.move_to(2.0)
+        assert on.shaft == stands
+
+
+@on_virtual_clock
+async def test_a_restart_is_not_taken_for_a_loss_of_the_line_by_which_the_next_one_is_excused() -> None:
+    async with bench(FlakyMks()) as on:
+        for _ in range(3):
+            await on.axis.enable()
+            await on.axis.set_zero()
+            await on.axis.move_to(2.0)
+            move = on.axis.move_to(0.0)
+            await under_way(move, 0.2)
+            on.sim.restart(on.bus.now())
+            with pytest.raises(ReferenceLost):
+                await move
+
+
+def test_a_silence_is_one_that_the_line_does_not_explain() -> None:
+    for share_lost, explained in ((0.0, 2), (0.1, 2), (0.3, 5)):
+        silence, rng = Silence(), random.Random(1)
+        for _ in range(500):
+            if rng.random() < share_lost:
+                silence.missed()
+            else:
+                silence.answered()
+        silence.answered()
+        for _ in range(explained):
+            silence.missed()
+        assert not silence.answered()
+        for _ in range(explained + 3):
+            silence.missed()
+        assert silence.answered()
+
+
+@on_virtual_clock
+async def test_a_homed_drive_that_restarts_after_it_was_sent_back_to_zero_under_way_has_not_arrived() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.home()
+        move = on.axis.move_to(3.0)
+        await under_way(move, 0.3)
+        await on.axis.retarget(0.0)
+        await anyio.sleep(0.1)
+        on.sim.restart(on.bus.now())
+        with pytest.raises(ReferenceLost, match="forgotten that it was homed"):
+            await move
+
+
+@on_virtual_clock
+async def test_the_mark_of_a_homed_drive_is_asked_for_where_it_stands_not_on_its_way() -> None:
+    async with bench(FlakyMks()) as on:
+        await on.axis.home()
+        await on.axis.move_to(2.0)
+        move = on.axis.move_to(0.0)
+        await under_way(move, 0.2)
+        assert (await on.axis.homed()).origin is Homed.DONE
+        await on.axis.enabled()
+        on.sim.restart(on.bus.now())
+        with pytest.raises(ReferenceLost, match="forgotten that it was homed"):
+            await move

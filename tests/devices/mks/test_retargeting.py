@@ -145,6 +145,17 @@ async def test_a_ramp_down_from_a_speed_that_was_changed_is_given_its_time() -> 
 
 
 @on_virtual_clock
+async def test_a_change_of_target_whose_answer_is_lost_is_done_where_the_axis_has_gone_there_meanwhile() -> None:
+    async with bench(FlakyMks(), rpm=600, acceleration=20_000) as on:
+        move = on.axis.move_to(2.0)
+        await under_way(move, 0.06)
+        on.sim.lose_reply(r.MOVE_TO_COUNTS)
+        await on.axis.retarget(0.5)
+        assert await move == pytest.approx(0.5, abs=1e-3)
+        assert on.shaft == pytest.approx(0.5, abs=1e-3)
+
+
+@on_virtual_clock
 async def test_only_an_absolute_move_under_way_can_be_changed() -> None:
     async with bench(FlakyMks()) as on:
         axis = on.axis

@@ -19,7 +19,7 @@ _COUNTS_PER_TURN = 16384
 _SEEKING = frozenset({"home", "return_to_zero"})
 MOVING = frozenset({_TO, _BY, *_FREE, *_COUNTED, *_SEEKING})
 _NOTHING_QUEUED = frozenset({"LimitExceeded", "TypeError", "ValueError"})
-_NOTHING_CHANGED = _NOTHING_QUEUED | {"NotSent", "DeviceRefused", "MotionError"}
+_NOTHING_CHANGED = _NOTHING_QUEUED | {"NotSent", "DeviceRefused", "MotionError", "NoReply"}
 _FORGETTING = frozenset({"restart", "factory_reset", "calibrate"})
 _ZEROING = frozenset({"home", "set_zero"})
 

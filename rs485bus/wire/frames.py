@@ -93,8 +93,8 @@ def _alike(a: bytes, b: bytes) -> bool:
 
 
 def is_read(adu: bytes) -> bool:
-    """Whether a request does nothing but read, by functions 01 to 04."""
-    return 1 <= adu[1] <= 4
+    """Whether a request does nothing but read, by functions 01 to 04. Nothing at all is none."""
+    return len(adu) > 1 and 1 <= adu[1] <= 4
 
 
 def payload(reply: bytes) -> bytes:

@@ -29,7 +29,18 @@ _PLAIN = (type(None), bool, int, float, str, bytes)
 HIDDEN = frozenset(
     {
         # What other layers call, and users do not. Newer classes say so by their `__dir__`.
-        *("abandon", "attach", "attached", "check_ready", "check_thread", "forgive", "join", "member", "motion"),
+        *(
+            "abandon",
+            "attach",
+            "attached",
+            "check_ready",
+            "check_thread",
+            "forgive",
+            "join",
+            "left_alone",
+            "member",
+            "motion",
+        ),
         *("target_range", "finish", "fail", "drop", "hold", "taken_along", "unconfirmed"),
         *("released", "order_together", "pair", "carries_out", "ask", "submit", "start", "halt", "heard_after", "now"),
         *("after_stops", "spawn", "poke", "after", "unseen", "received", "owner", "loop", "thread", "devices"),

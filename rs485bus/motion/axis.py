@@ -6,9 +6,9 @@ the queue and is carried out by the owner of the wire, whatever becomes of who a
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
-from contextlib import AbstractContextManager
 from typing import Any
 
 import anyio
@@ -99,7 +99,8 @@ class Axis:
         self._events = Events(name, bus.now, bus.spawn)
         told = self._forget_plans, self._was_stopped, self._make_safe, self._events.tell
         self._stops = StopControl(bus, drive, number, name, supervisor, *told)
-        self._was_interrupted = self._stops.interrupted
+        self._was_interrupted, self.abandon = self._stops.interrupted, self._stops.abandon
+        self.left_alone = functools.partial(supervisor.absent, number)  # to see what its watchdog does then
         self._executor = MoveExecutor(bus, drive, number, name, self._stops, supervisor)
         self._runs = RunExecutor(bus, drive, number, name, self._executor, supervisor)
         parts = scale, self._stops, self._executor, self._runs
@@ -356,14 +357,6 @@ class Axis:
         """Take commands again after a failure that nobody has seen."""
         self.bus.check_thread()
         self._stops.queue.forgive()
-
-    def left_alone(self) -> AbstractContextManager[None]:
-        """Nobody looks at the axis while this holds, though it moves: only to see what its watchdog does then."""
-        return self._supervisor.absent(self._at)
-
-    def abandon(self, why: str) -> None:
-        """End everything that is queued."""
-        self._stops.abandon(why)
 
     def check_ready(self) -> None:
         """Raise what keeps the axis from taking another command."""

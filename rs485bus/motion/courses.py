@@ -257,6 +257,8 @@ class MoveCourse(Course):
         return self._in_time()
 
     def due(self, fact: Fact) -> float:
+        if fact is not Fact.POSITION and fact is not Fact.RUNNING and fact not in self.facts:
+            return _FOREVER
         deviation = self.deviation
         if fact is Fact.POSITION and deviation is None:
             return min(self.begun_at, self.eta)

@@ -18,15 +18,9 @@ from rs485bus.motion.state import Fact
 LOST = "home() it or set_zero() first."
 
 
-def wanted(drive: Drive, axis: int) -> tuple[Fact, ...]:
-    """What must be known to tell."""
-    facts = (Fact.POSITION, Fact.RUNNING, *drive.causes, *drive.marks(axis))
-    return drive.tells(*dict.fromkeys(facts))
-
-
 def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = "") -> MotionError:
-    """What is wrong with an axis. All that is `wanted` was asked since something was. `cause` is a sentence about what
-    may have stopped it beside what the drive tells."""
+    """What is wrong with an axis. All that `Drive.wanted` names was asked since something was. `cause` is a sentence
+    about what may have stopped it beside what the drive tells."""
     state = drive.state.axes[axis]
     place = f"{name} {course.place()}"
     fault = state.value(Fact.FAULT)

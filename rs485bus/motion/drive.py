@@ -165,6 +165,9 @@ class Drive(DeviceAdapter):
         """Called when the bus stopped it for safety, or lost it."""
         self.on_recounted: Callable[[], None] = lambda: None
         """Called when it is found out that it counts otherwise than was known."""
+        self._told_by: Sequence[Reading] = ()
+        self._told: frozenset[Fact] = frozenset()
+        """What can be told by these."""
         self._by_frame = {reading.request.adu: reading for reading in self.readings}
 
     # Telemetry
@@ -180,7 +183,10 @@ class Drive(DeviceAdapter):
 
     def tells(self, *facts: Fact) -> tuple[Fact, ...]:
         """Those of the facts that this drive tells."""
-        return tuple(fact for fact in facts if any(fact in reading.tells for reading in self.readings))
+        readings = self.readings
+        if readings is not self._told_by:
+            self._told_by, self._told = readings, frozenset().union(*(reading.tells for reading in readings))
+        return tuple(fact for fact in facts if fact in self._told)
 
     def decode(self, request: Request, reply: bytes) -> Sequence[Facts]:
         """What the reply to a request tells of each axis, if it tells anything."""
@@ -194,6 +200,10 @@ class Drive(DeviceAdapter):
     def marks(self, axis: int) -> tuple[Fact, ...]:
         """What a restart would change, by which it is noticed."""
         return self.tells(Fact.POSITION, Fact.ENABLED, Fact.MARK)
+
+    def wanted(self, axis: int) -> tuple[Fact, ...]:
+        """What must be known to tell what is wrong with an axis."""
+        return self.tells(*dict.fromkeys((Fact.POSITION, Fact.RUNNING, *self.causes, *self.marks(axis))))
 
     def restarted(self, axis: int) -> str:
         """Why it must have restarted, by these facts; empty if it need not have."""
@@ -308,6 +318,8 @@ class Drive(DeviceAdapter):
         self.state.silence.missed()
 
     def on_sent(self, request: Request, at: float) -> None:
+        if not request.writes:
+            return
         for number, effect in enumerate(self.effects(request)):
             self._take_effect(number, effect, at)
         self.state.tell()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -170,7 +170,6 @@ class MoveExecutor:
             self._drive.move_all,
         )
         assert move.started_at is not None
-        late = min(self._bus.now() - move.started_at, _LATE)
         course = MoveCourse(
             self.short(move),
             self._state,
@@ -181,8 +180,8 @@ class MoveExecutor:
             tolerance=self.tolerance,
             profile=profile,
             counts_per_turn=ability.counts_per_turn,
+            late=min(self._bus.now() - move.started_at, _LATE),
             # Where a drive counts from after a restart, it could have restarted instead of arriving.
-            late=late,
             proof=self._drive.marks(self._axis),
         )
         if isinstance(move, GroupMemberMove):
@@ -193,7 +192,8 @@ class MoveExecutor:
             await self.see_it_end(move, course)
         finally:
             self.changeable = None
-            self._retargeting.drop("its move ended before the target was changed")
+            if self._retargeting.change is not None:
+                self._retargeting.drop("its move ended before the target was changed")
         self.commanded = course.target
         position: int = self._state.value(Fact.POSITION)
         if isinstance(move, GroupMemberMove):
@@ -338,10 +338,10 @@ class MoveExecutor:
             if end_it is not None and not ended and self._bus.now() >= over:
                 over = math.inf
                 await end_it()
-                self._supervisor.follow(self._axis, course, told)
+                self._go_on(course, told, ended)
             if self._retargeting.change is not None and isinstance(course, MoveCourse) and not ended:
                 await self._retargeting.make(move, course)
-                self._supervisor.follow(self._axis, course, told)
+                self._go_on(course, told, ended)
         verdict, error = ended[0]
         if error is not None:
             self.stumble()
@@ -352,6 +352,11 @@ class MoveExecutor:
                 # One that was not seen to move may start after all.
                 await self._carrier.stop_after(error, surely=not self._state.standstill.has_moved)
             raise error
+
+    def _go_on(self, course: Course, told: Told, ended: Sequence[object]) -> None:
+        """Look at it further, by what it was told since, unless it has ended meanwhile."""
+        if not ended:
+            self._supervisor.follow(self._axis, course, told)
 
     async def _see_after_silence(self) -> None:
         """Find out whether the drive has restarted, if it answers again. Raises `ReferenceLost` if it has."""

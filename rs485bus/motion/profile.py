@@ -7,7 +7,7 @@ its speed. Distances are turns, speeds rpm, rates rpm/s; a rate of infinity is a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 _MINUTE = 60.0
 
@@ -27,21 +27,19 @@ class Profile:
     rpm: float
     up: float = math.inf
     down: float | None = None
+    peak: float = field(init=False, repr=False, compare=False)
+    """The highest speed it reaches, in rpm."""
+    duration: float = field(init=False, repr=False, compare=False)
+    """Seconds from start to standing."""
 
-    @property
-    def peak(self) -> float:
-        """The highest speed it reaches, in rpm."""
+    def __post_init__(self) -> None:
         ramps = self._ramp_turns(self.rpm)
-        return self.rpm if ramps <= self.turns else self.rpm * math.sqrt(self.turns / ramps)
-
-    @property
-    def duration(self) -> float:
-        """Seconds from start to standing."""
-        peak = self.peak
-        if peak == 0:
-            return 0.0  # nowhere to go, as far as numbers tell
+        peak = self.rpm if ramps <= self.turns else self.rpm * math.sqrt(self.turns / ramps)
+        object.__setattr__(self, "peak", peak)
         cruise = max(0.0, self.turns - self._ramp_turns(peak))
-        return peak / self.up + peak / self._down + _MINUTE * cruise / peak
+        # There may be nowhere to go, as far as numbers tell.
+        took = peak / self.up + peak / self._down + _MINUTE * cruise / peak if peak else 0.0
+        object.__setattr__(self, "duration", took)
 
     def turns_after(self, seconds: float) -> float:
         """How far it has come so many seconds after its start."""

@@ -57,14 +57,15 @@ class Retargeting:
 
     def ask(self, change: Change) -> None:
         """Have the move under way sent elsewhere."""
-        self.drop("another change of its target came first")
+        if self.change is not None:
+            self.drop("another change of its target came first")
         self.change = change
 
     def drop(self, why: str) -> None:
         """What was asked for is not made."""
         change, self.change = self.change, None
-        if change is not None:
-            change.handle.fail(MoveCancelled(f"{self._name}: {why}."))
+        assert change is not None
+        change.handle.fail(MoveCancelled(f"{self._name}: {why}."))
 
     async def make(self, move: Move, course: MoveCourse) -> None:
         """Have the drive told what was asked for. Raises what ends the move."""

@@ -277,9 +277,11 @@ class DriveState:
             self.gap_at = at
             for axis in self.axes:
                 axis.was_unheard = not tells_restarts
-        if self.silence.answered() and now > self._answered_at + FRESH:
-            self.gap_at = now  # the first attempt may have been made long ago
-            if not tells_restarts:
+        was_silent = self.silence.answered()
+        if now > self._answered_at + FRESH:
+            if at <= self.heard_at + FRESH:
+                self.gap_at = now  # the first attempt may have been made long ago, and be what is answered
+            if was_silent and not tells_restarts:
                 for axis in self.axes:
                     axis.silent_since, axis.back_at = self._answered_at, at
         self._answered_at = now

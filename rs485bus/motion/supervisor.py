@@ -7,6 +7,7 @@ and whether anybody waits for it or not. Replies to others count: only what woul
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
 from rs485bus.motion.courses import Course, Verdict
-from rs485bus.motion.diagnosis import diagnose, wanted
+from rs485bus.motion.diagnosis import diagnose
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
@@ -37,6 +38,12 @@ _UNLIKELY = math.log(1e-6)
 """How unlikely it must be that the line has lost them all."""
 _STOPPING = 0.05
 """Seconds after which it is seen whether a stop has ended."""
+_SHOWN = 0.02
+"""Seconds after which a drive that has stopped says why."""
+_PAUSE = 0.05
+"""The longest pause, in seconds, before a drive that does not answer is asked again."""
+_BLOCKED = 0.05
+"""Seconds after which a look that must wait for a late reply gives way to one that need not."""
 _FOREVER = float("inf")
 
 Told = Callable[[Verdict, MotionError | None], None]
@@ -227,11 +234,12 @@ class Supervisor:
     def _doubt(self, axis: int, watched: _Watched, course: Course, now: float) -> None:
         """Find out what is wrong."""
         if watched.doubted_at is None:
-            watched.doubted_at = now
+            # What was asked while it stood already tells as much as what is asked now.
+            still = watched.state.standstill
+            watched.doubted_at = min(now, still.since + _SHOWN) if watched.state.stands else now
             if watched.told is not None:
                 watched.told(Verdict.DOUBTFUL, None)
-            return
-        if watched.state.since(watched.doubted_at, wanted(self._drive, axis)):
+        if watched.course is course and watched.state.since(watched.doubted_at, self._drive.wanted(axis)):
             cause = possible_cause(self._bus.owner, self._drive)
             self._end(watched, Verdict.DOUBTFUL, diagnose(self._drive, axis, watched.name, course, cause))
 
@@ -284,6 +292,17 @@ class Supervisor:
             job.on_end = self._answered
         self._job = job
         self._bus.submit(job)
+        if not job.attempts:
+            self._bus.call_at(now + _BLOCKED, functools.partial(self._give_way, job))
+
+    def _give_way(self, job: Job) -> None:
+        """Take back a look that must wait for a late reply to somebody else: another one is chosen then."""
+        if self._job is job and not job.attempts:
+            owner, now = self._bus.owner, self._bus.now()
+            if owner.units[self._drive.address].late.must_wait(job.request):
+                owner.cancel(job, now)
+            else:
+                self._bus.call_at(now + _BLOCKED, functools.partial(self._give_way, job))
 
     def _in_vain(self, unit: UnitState) -> int:
         """How many looks in a row must have been without an answer, lest that is the loss of the line."""
@@ -304,15 +323,20 @@ class Supervisor:
 
     def _answered(self, job: Job) -> None:
         self._job = None
+        if job.outcome is Outcome.NOT_SENT:
+            self.review()
+            return
         took = job.ended_at - job.sent_at + self._bus.owner.pair.silence
         if job.outcome is Outcome.REPLY:
             self._misses = 0
             self._takes += (took - self._takes) / 8
-        else:
-            # The first repetition goes at once; later ones leave the wire to others.
-            self._misses += 1
-            self._unanswered[job.request.adu] = job
-            self._not_before = job.ended_at + (0.0 if self._misses == 1 else took * (1 / SHARE - 1))
+            if self._since != NEVER:
+                self._look()  # what it said was reviewed when it came
+            return
+        # The first repetition goes at once; later ones leave the wire to others.
+        self._misses += 1
+        self._unanswered[job.request.adu] = job
+        self._not_before = job.ended_at + (0.0 if self._misses == 1 else min(took * (1 / SHARE - 1), _PAUSE))
         self.review()
 
     def _next(self) -> tuple[float, Fact]:
@@ -322,8 +346,9 @@ class Supervisor:
             course = watched.course
             if course is None:
                 continue
+            interval, stop_at = self._interval(course), course.stop_at
             for each in self._facts(axis, course):
-                due = min(course.due(each), self._routine(each, watched, course), course.stop_at)
+                due = min(course.due(each), self._routine(each, watched, course, interval), stop_at)
                 if watched.doubted_at is not None and watched.state.known(each).at < watched.doubted_at:
                     due = NEVER
                 if due < best:
@@ -332,14 +357,14 @@ class Supervisor:
 
     def _facts(self, axis: int, course: Course) -> Iterable[Fact]:
         """What may be asked about an axis."""
-        facts = (*self._drive.telling, *wanted(self._drive, axis), Fact.SPEED, *course.facts)
+        facts = (*self._drive.telling, *self._drive.wanted(axis), Fact.SPEED, *course.facts)
         return self._drive.tells(*dict.fromkeys(facts))
 
-    def _routine(self, fact: Fact, watched: _Watched, course: Course) -> float:
+    def _routine(self, fact: Fact, watched: _Watched, course: Course, interval: float) -> float:
         """When a fact is due because the axis moves."""
         at = watched.state.last(fact).at  # set-points take away what was known, again and again
         if fact in self._drive.telling:
-            return max(at, course.started_at) + self._interval(course)
+            return max(at, course.started_at) + interval
         if fact in self._drive.rotation:
             oldest = max(at, course.started_at) + len(self._drive.rotation) * self._budget.interval
             return max(oldest, self._rotated_at + self._budget.rotation)

@@ -126,7 +126,7 @@ async def test_a_blocked_shaft_that_reports_full_speed_is_stopped_within_half_a_
     async with bench(sim) as on:
         error, after = await told_after(on, VERBS[verb](on.axis), lambda: sim.hold(on.bus.now()), rate)
         assert isinstance(error, MotorStalled), error
-        assert after <= 0.6
+        assert after <= 0.5
         sim.held = False
         sim.put_load(0, on.bus.now())
         await asyncio.sleep(2.0)

@@ -1063,8 +1063,8 @@ class MksServo(MksSetup):
     """An MKS SERVO drive and its motor.
 
     A drive that restarts counts from zero where it then stands, and says nothing of it. It is noticed by a jump of the
-    position, by the enabling, and by the homing status. What stands at zero and was not homed since it was switched on,
-    but set to zero, shows no difference: `home()` where a restart must not go unnoticed.
+    position, by the enabling, and by the homing status where an origin was found. One that was set to zero only, left
+    several requests unanswered and is found at zero is not trusted (`ReferenceLost`). `home()` where that does not do.
 
     Args:
         bus: the bus it is on.

@@ -215,13 +215,13 @@ class AxisState:
             return
         if back_at is not None and self._may_count_anew(before, position, now - back_at):
             self.suspect(
-                f"its drive did not answer for a while, and then it was {position} {self.unit} from zero, from where "
-                "it counts when it has restarted."
+                f"its drive did not answer for a while, and then it was {position} {self.unit} from zero: the "
+                "drive may have restarted."
             )
         elif unheard and self._is_just_at_zero(before, position):
             self.suspect(
-                f"it was {before.value} {self.unit} from zero when it was heard last, and stands at zero now, from "
-                "where its drive counts when it has restarted."
+                f"it was {before.value} {self.unit} from zero when it was heard last, and stands at zero now: "
+                "the drive may have restarted."
             )
 
     def _is_just_at_zero(self, before: Known, position: int) -> bool:

@@ -34,9 +34,8 @@ class MksServo(MksSetup):
     """An MKS SERVO drive and its motor.
 
     A drive that restarts counts from zero where it then stands, and says nothing of it. It is noticed by a jump of the
-    position, by the enabling, and by the homing status where an origin was found (a homing in the turn is no sign). One
-    that was set to zero only, left several requests unanswered and is found at zero is not trusted (`ReferenceLost`);
-    one that restarts while it is held at its zero keeps it. `home()` where that does not do.
+    position, by the enabling, and by the homing status where an origin was found. One that was set to zero only, left
+    several requests unanswered and is found at zero is not trusted (`ReferenceLost`). `home()` where that does not do.
 
     Args:
         bus: the bus it is on.

@@ -12,7 +12,6 @@ from rs485bus.sim.campaigns.faults.evidence import Evidence
 from rs485bus.sim.campaigns.faults.fault import FAULTS
 from rs485bus.sim.campaigns.faults.options import OPTIONS, PLAIN
 from rs485bus.sim.campaigns.faults.oracle import judge
-from rs485bus.sim.campaigns.faults.plant import KINDS
 from rs485bus.sim.campaigns.faults.scenario import SCENARIOS, Scenario
 from rs485bus.sim.campaigns.faults.world import World
 
@@ -51,7 +50,7 @@ class Case:
 
     def run(self, usual: float = 30.0) -> Evidence:
         """Run it; return what was seen."""
-        options = {kind: OPTIONS[kind].get(self.option, PLAIN) for kind in KINDS}
+        options = {kind: OPTIONS[kind].get(self.option, PLAIN) for kind in OPTIONS}
         return World(self.script, options, goes_on=self.goes_on, faults=self.faults, usual=usual).run()
 
     def judged(self) -> tuple[Evidence, list[tuple[str, str]]]:

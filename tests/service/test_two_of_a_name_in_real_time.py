@@ -115,6 +115,7 @@ def test_two_clients_of_one_name_do_not_cut_each_other_off_for_ever(
                 with pytest.raises(MoveCancelled):
                     async with asyncio.timeout(5):
                         await move
+                await asyncio.sleep(0.2)  # it is told of the cancellation while the stop is being confirmed
                 stood = shaft(plant)
                 clients = (first, second)
                 await wait_for(lambda: "is another client called panel, too?" in caplog.text)

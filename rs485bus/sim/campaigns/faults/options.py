@@ -65,7 +65,7 @@ MKS = {
     ),
     "refuses": Option("It refuses every seventh write.", {"quirks": Quirks(refuses_every=_EVERY)}, spoils=True),
     "late-while-moving": _LATE_WHILE_MOVING,
-    "slow-flash": Option(_SLOW, treats=_slow_flash(_MKS_SETTINGS)),
+    "slow-flash": Option(_SLOW, treats=_slow_flash(_MKS_SETTINGS), spoils=True),
 }
 ZLAC = {
     "plain": PLAIN,
@@ -84,7 +84,7 @@ ZLAC = {
     "shaft-lags": Option("The status says that it stands 50 ms before it does.", {"status_lag": 0.05}),
     "late-while-moving": _LATE_WHILE_MOVING,
     "busy": _BUSY,
-    "slow-flash": Option(_SLOW, treats=_slow_flash(zlac.SAVED)),
+    "slow-flash": Option(_SLOW, treats=_slow_flash(zlac.SAVED), spoils=True),
 }
 TLR = {
     "plain": PLAIN,
@@ -110,6 +110,6 @@ TLR = {
     "unknown-bits": Option("Bits of the status are set that the manual does not name.", {"unknown_bits": 0xFF80}),
     "late-while-moving": _LATE_WHILE_MOVING,
     "busy": _BUSY,
-    "slow-flash": Option(_SLOW, treats=_slow_flash(_TLR_SETTINGS)),
+    "slow-flash": Option(_SLOW, treats=_slow_flash(_TLR_SETTINGS), spoils=True),
 }
 OPTIONS: dict[str, dict[str, Option]] = {"mks": MKS, "zlac": ZLAC, "tlr": TLR}

@@ -22,6 +22,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks.virtual_clock import now, on_virtual_clock
 from rs485bus import AxisGroup, Bus, BusConfig, MksServo, TlrStepper, Zlac8015d, open_bus
 from rs485bus.devices.mks.values import Model, Status
 from rs485bus.devices.tlr.frames import auxiliary
@@ -32,7 +33,7 @@ from rs485bus.devices.zlac import frames as zlac
 from rs485bus.devices.zlac.values import ControlWord, Inputs
 from rs485bus.errors import BusError
 from rs485bus.motion.events import EventKind
-from rs485bus.sim import Noise, SimMks, SimTlr, SimZlac, TlrMachine, VirtualClockLoop, VirtualLine
+from rs485bus.sim import Noise, SimMks, SimTlr, SimZlac, TlrMachine, VirtualLine
 from rs485bus.sim.mks_machine import Machine
 
 POLLS = (0, 5, 20, 50)
@@ -78,17 +79,6 @@ class Latency:
 
     told: float
     stopped: float
-
-
-def now() -> float:
-    """The time on the loop's clock."""
-    return asyncio.get_running_loop().time()
-
-
-def on_virtual_clock(main: Any) -> Any:
-    """What a coroutine gives on a loop whose clock is virtual."""
-    with asyncio.Runner(loop_factory=VirtualClockLoop) as runner:
-        return runner.run(main)
 
 
 # The families

@@ -23,10 +23,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks.virtual_clock import now, on_virtual_clock
 from rs485bus import Bus, BusConfig, MksServo, TlrStepper, Zlac8015d, open_bus
 from rs485bus.bus.record import Record
 from rs485bus.errors import BusError
-from rs485bus.sim import Noise, SimMks, SimTlr, SimZlac, TlrMachine, VirtualClockLoop, VirtualLine
+from rs485bus.sim import Noise, SimMks, SimTlr, SimZlac, TlrMachine, VirtualLine
 from rs485bus.sim.motor import Motor
 
 ACCELERATION = 2000.0
@@ -112,17 +113,6 @@ class Result:
     """The part of the time in which frames of the stream, their answers, or the silence after them take the wire."""
 
 
-def now() -> float:
-    """The time on the loop's clock."""
-    return asyncio.get_running_loop().time()
-
-
-def on_virtual_clock(main: Any) -> Any:
-    """What a coroutine gives on a loop whose clock is virtual."""
-    with asyncio.Runner(loop_factory=VirtualClockLoop) as runner:
-        return runner.run(main)
-
-
 async def stream(family: Family, baudrate: int, rate: int, case: str, seconds: float = SECONDS) -> Result:
     """One stream of speeds."""
     loss = 0.025 if case == "5 % lost" else 0.0
@@ -201,7 +191,7 @@ def _watch(sim: Any, seen: Callable[[bytes, float], None]) -> None:
     def watched(frame: bytes, at: float) -> bytes | None:
         reply = receive(frame, at)
         seen(frame, at)
-        return reply  # type: ignore[no-any-return]
+        return reply  # type: ignore[no-any-return] # any virtual drive
 
     sim.receive = watched
 

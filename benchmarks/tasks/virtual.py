@@ -9,10 +9,11 @@ from pathlib import Path
 
 from benchmarks.setting import READ_COUNT
 from benchmarks.tasks.task import Result, Task
+from benchmarks.virtual_clock import on_virtual_clock
 from rs485bus import MksServo, Urgency, open_bus
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job
-from rs485bus.sim import SimMks, SimUnit, VirtualClockLoop, VirtualLine
+from rs485bus.sim import SimMks, SimUnit, VirtualLine
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding
 
@@ -28,8 +29,7 @@ def watched(task: Task) -> Result:
     watchdog's time. `allowed` is a third of that and the longest transaction.
     """
     timeout = 1.0
-    with asyncio.Runner(loop_factory=VirtualClockLoop) as runner:
-        longest, took = runner.run(_watch(task, timeout))
+    longest, took = on_virtual_clock(_watch(task, timeout))
     return {"unfed": longest / timeout, "allowed": 1 / 3 + took / timeout, "transaction": took}
 
 

@@ -149,21 +149,9 @@ class ServedWatcher:
         report = self._plant.buses.get(name)
         if report is not None:
             ledger.line = LineSettings(baudrate=report.baudrate, parity=report.parity, stopbits=report.stopbits)
-        load, rate, latency = ledger.last_second(now)
-        return BusSight(
-            name=name,
-            port=f"{name} by {self._plant.description.host}" if report is None else report.port,
-            baudrate=ledger.line.baudrate,
-            connected=self._served and report is not None and report.connected,
-            load=load,
-            rate=rate,
-            unanswered=ledger.unanswered,
-            refused=ledger.refused,
-            lost=ledger.unanswered / ledger.requests if ledger.requests else 0.0,
-            latency=latency,
-            latest=tuple(ledger.latest),
-            families=dict(ledger.families),
-        )
+        port = f"{name} by {self._plant.description.host}" if report is None else report.port
+        connected = self._served and report is not None and report.connected
+        return ledger.sight(name, port, connected=connected, now=now)
 
     @property
     def _served(self) -> bool:

@@ -205,13 +205,38 @@ class BusLedger:
         latest = sorted(self._memorable.values(), key=lambda exchange: exchange.at)
         return traces(Capture(header, latest, families=self.families))
 
-    def last_second(self, now: float) -> tuple[float, int, float | None]:
+    def _last_second(self, now: float) -> tuple[float, int, float | None]:
         """The load, the requests, and the median latency of the last second."""
         while self._second and self._second[0][0] < now - _SECOND:
             self._second.popleft()
         latencies = sorted(latency for _, _, latency in self._second if latency is not None)
         median = latencies[len(latencies) // 2] if latencies else None
         return min(1.0, sum(airtime for _, airtime, _ in self._second) / _SECOND), len(self._second), median
+
+    def sight(self, name: str, port: str, *, connected: bool, now: float) -> BusSight:
+        """What there is to see of it.
+
+        Args:
+            name: what it is called.
+            port: its port, for people.
+            connected: its port is there.
+            now: the time, by the clock of its exchanges.
+        """
+        load, rate, latency = self._last_second(now)
+        return BusSight(
+            name=name,
+            port=port,
+            baudrate=self.line.baudrate,
+            connected=connected,
+            load=load,
+            rate=rate,
+            unanswered=self.unanswered,
+            refused=self.refused,
+            lost=self.unanswered / self.requests if self.requests else 0.0,
+            latency=latency,
+            latest=tuple(self.latest),
+            families=dict(self.families),
+        )
 
     def is_silent(self, address: int) -> bool:
         """Whether a drive has stopped answering."""

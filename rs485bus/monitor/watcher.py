@@ -202,21 +202,7 @@ class Watcher:
 
     def _bus(self, name: str, now: float) -> BusSight:
         bus, ledger = self._buses[name], self._ledgers[name]
-        load, rate, latency = ledger.last_second(now)
-        return BusSight(
-            name=name,
-            port=bus.port,
-            baudrate=bus.line.baudrate,
-            connected=bus.connected,
-            load=load,
-            rate=rate,
-            unanswered=ledger.unanswered,
-            refused=ledger.refused,
-            lost=ledger.unanswered / ledger.requests if ledger.requests else 0.0,
-            latency=latency,
-            latest=tuple(ledger.latest),
-            families=dict(ledger.families),
-        )
+        return ledger.sight(name, bus.port, connected=bus.connected, now=now)
 
     # How it looks
 

@@ -110,19 +110,15 @@ class RunExecutor:
         if isinstance(self._supervisor.course(self._axis), RunCourse):
             self._executor.told(Verdict.REACHED, None)
 
-    async def stream(self, move: Move, begin: Callable[[float], Course], *, by_reference: bool) -> int:
+    async def stream(self, move: Move, begin: Callable[[float], Awaitable[Course]], *, by_reference: bool) -> int:
         """Have it follow speeds that are told as they come, from the one on that it has; where that ended."""
         await self._executor.ready(standing=False)
         if by_reference:
             self._executor.knowledge.check_reference()
-        self._executor.commanded = None
-        move.state, move.started_at = MoveState.MOVING, self._bus.now()
-        await self._executor.see_it_end(move, begin(await self._speed()))
-        position: int = self._state.last(Fact.POSITION).value
-        return position
+        return await self.follow(move, begin)
 
     async def follow(self, move: Move, begin: Callable[[float], Awaitable[Course]]) -> int:
-        """Have it follow speeds that are told it together with others; where that ended."""
+        """The same, once it is ready: of one that is told its speeds together with others, say."""
         self._executor.commanded = None
         move.state, move.started_at = MoveState.MOVING, self._bus.now()
         await self._executor.see_it_end(move, await begin(await self._speed()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Literal
 
@@ -187,6 +187,31 @@ class Setpoint:
         return self._running[0].told.count if self._running else 0
 
 
+async def begin_block(moves: Iterable[Move], started: asyncio.Event, end: Callable[[], object]) -> None:
+    """Wait until a stream has begun that goes on as long as a block of the present task.
+
+    Args:
+        moves: the stream, as commands.
+        started: set when it has begun, or failed.
+        end: ends it.
+
+    Raises:
+        MotionError: the present task would wait for itself. The commands are cancelled then, as at any failure.
+    """
+    try:
+        for move in moves:
+            move._check_wait()
+            move._end_block = end
+        await started.wait()
+    except BaseException:
+        for move in moves:
+            move.seen = True
+            move.cancel()
+        raise
+    for move in moves:
+        move._kept_open_by = asyncio.current_task()
+
+
 class SetpointStream:
     """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
 
@@ -226,17 +251,9 @@ class SetpointStream:
         started = asyncio.Event()
         self._move, setpoint = self._begin(started.set)
         self._move.add_done_callback(lambda _: started.set())
-        try:
-            self._move._check_wait()
-            self._move._end_block = self.end
-            await started.wait()
-        except BaseException:
-            self._move.cancel()
-            self._move.seen = True
-            raise
+        await begin_block((self._move,), started, self.end)
         if self._move.done():
             await self._move.wait()
-        self._move._kept_open_by = asyncio.current_task()
         return setpoint
 
     async def __aexit__(

@@ -114,7 +114,7 @@ class StreamExecutor:
             limits=() if limits is None else (limits,),
         )
 
-        def begin(rpm: float) -> StreamCourse:
+        async def begin(rpm: float) -> StreamCourse:
             streamer.append(Streamer(self._bus, self._drive, (self._axis,), terms, (rpm,), self.notice_stale))
             started()
             interval = self._supervisor.interval

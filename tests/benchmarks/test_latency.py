@@ -2,7 +2,8 @@
 
 import pytest
 
-from benchmarks.latency import FAMILIES, LIMIT, cases, group, latency, on_virtual_clock
+from benchmarks.latency import FAMILIES, LIMIT, cases, group, latency
+from benchmarks.virtual_clock import on_virtual_clock
 
 EACH = [case for case in cases(FAMILIES) if case[1] != "foreign"]
 """What somebody else began may be ended by him, too: of that only what a drive goes on to report is told."""

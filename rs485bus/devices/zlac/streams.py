@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from rs485bus.arguments import finite
 from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.motion.move import Move
+from rs485bus.motion.setpoints import begin_block
 from rs485bus.motion.state import Fact
 from rs485bus.motion.streaming import STEP, Speeds, Streamer, Terms
 
@@ -120,21 +121,10 @@ class PairStream:
         setpoint = self._setpoint = PairSetpoint(self._drive, self._moves, (signs[0], signs[1]))
         for move in self._moves:
             move.add_done_callback(lambda _: self._started.set())
-        try:
-            for move in self._moves:
-                move._check_wait()
-                move._end_block = self._end
-            await self._started.wait()
-        except BaseException:
-            for move in self._moves:
-                move.seen = True
-                move.cancel()
-            raise
+        await begin_block(self._moves, self._started, self._end)
         if setpoint.streamer is None:
             await asyncio.gather(*(move.wait() for move in self._moves), return_exceptions=True)
             setpoint.check()
-        for move in self._moves:
-            move._kept_open_by = asyncio.current_task()
         return setpoint
 
     async def __aexit__(

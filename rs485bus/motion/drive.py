@@ -380,6 +380,7 @@ class _StopJudge(StandstillDetector):
         self.by_status_alone = None in verdicts and says_so
         if None in verdicts and not self.by_status_alone:
             return False if moves else None
+        self.by_position_alone = not all(still.confirmed for still in self._still.values())
         if not self.by_status_alone:
             self._note_where(sent_at)
         return True

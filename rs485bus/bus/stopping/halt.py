@@ -347,6 +347,8 @@ class Halt:
             return self._will_do(pacing) or None
         if stands is False:
             self._said_so_at = NEVER
+        if stands and self._detector.by_position_alone and not self._acknowledged:
+            return None  # what held it while it did not hear may let go
         return stands
 
     def _will_do(self, pacing: Pacing) -> bool:

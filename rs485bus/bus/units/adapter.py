@@ -21,6 +21,9 @@ class StandstillDetector(ABC):
     by_status_alone = False
     """It was said to stand by its status, which has been seen to lie. That will do where the stop was acknowledged.
     Else it is asked on, until its position shows it."""
+    by_position_alone = False
+    """It was seen to stand by its position, and its status does not say so: it may push against what holds it. That
+    will do where the stop was acknowledged."""
 
     def stop_sent(self) -> None:
         """It was told to stop, perhaps once more: what tells soonest is asked first."""

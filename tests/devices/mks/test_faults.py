@@ -1,5 +1,6 @@
 """What goes wrong ends in its documented exception, with the queue cancelled and the bus alive."""
 
+from contextlib import suppress
 from typing import Any
 
 import anyio
@@ -23,7 +24,8 @@ from rs485bus.errors import (
 )
 from rs485bus.motion.move import Move
 from rs485bus.sim import Machine, SimMks
-from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock
+from rs485bus.sim.treatment import Treatment
+from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock, under_way
 
 
 async def fails(on: Bench, move: Move, error: type[Exception], match: str) -> str:
@@ -268,3 +270,25 @@ async def test_a_failure_nobody_has_seen_keeps_the_axis_from_going_on() -> None:
             on.axis.move_to(0.0)
         with pytest.raises(MotorStalled):
             await move
+
+
+@on_virtual_clock
+async def test_a_held_shaft_is_not_seen_to_stand_by_its_position_before_its_drive_has_heard_a_stop() -> None:
+    for silent in (0.3, 0.4, 0.45, 0.5, 0.6, 1.0):
+        async with bench(FlakyMks(), rpm=600, acceleration=20_000) as on:
+            move = on.axis.move_to(9.0)
+            await under_way(move, 0.1)
+            on.sim.put_load(9000, on.bus.now())
+            since = on.bus.now()
+
+            def deaf(frame: bytes, now: float, until: float = since + silent) -> Treatment:
+                return Treatment(heard=now > until)
+
+            on.line.pair.script = deaf
+            with suppress(MotionError):
+                await on.axis.stop()
+            await on.axis.enable()
+            stands = on.shaft
+            on.sim.put_load(0, on.bus.now())
+            await anyio.sleep(2)
+            assert on.shaft == pytest.approx(stands, abs=1e-3)

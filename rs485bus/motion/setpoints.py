@@ -78,8 +78,9 @@ class StreamCourse(Course):
             return Verdict.DOUBTFUL
         if streamer.ended and streamer.told.sure and not self._rpm and self.state.stands:
             return Verdict.DONE
-        if running.value and running.at > streamer.stands_at + self._grace:
-            streamer.insist()  # it was told to stand
+        late = running.at > streamer.stands_at + self._grace
+        if running.value and late and self.state.standstill.has_moved:
+            streamer.insist()  # it was told to stand; a status alone may be stuck
         if streamer.ended and self._is_overdue(streamer.stands_at + 1):
             return Verdict.OVERDUE
         return Verdict.DOUBTFUL if self._stays() else Verdict.GOES_ON

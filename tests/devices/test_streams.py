@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rs485bus import AxisGroup, MksServo, TlrStepper, open_bus
+from rs485bus.devices.mks import Status
 from rs485bus.errors import (
     BusError,
     DriveFault,
@@ -212,6 +213,19 @@ async def test_lost_replies_cost_a_delay_and_no_stop(make: Make, lost: int) -> N
             if step == 50:
                 lose_replies(on.sim, lost)
         assert on.rpm == pytest.approx(399, abs=15)
+
+
+@virtual
+async def test_a_status_that_goes_on_saying_that_the_motor_moves_keeps_no_stream_from_ending() -> None:
+    make: Make = lambda: (SimMks(1, stuck_status=Status.SLOWING_DOWN), lambda bus: MksServo(bus, 1))  # noqa: E731
+    async with rig(make) as on:
+        async with on.axis.stream(timeout=0.25) as setpoint:
+            for rpm in (60, 120, -60):
+                setpoint(rpm)
+                await asyncio.sleep(0.1)
+            begun = now()
+        assert now() - begun < 1.0
+        await on.axis.move_by(0.2)
 
 
 @FAMILIES

@@ -209,7 +209,7 @@ class Attempts:
         owed_until = max(self._pair.owed_until, self._clock.now)
         unit.unheard(job.sent_at)
         if unit.attached is not None and how != "cut":
-            unit.attached.on_unanswered()
+            unit.attached.on_unanswered(job.sent_at)
         self._units.owes(unit, job, owed_until)
         self.note(job, frame, how, self._clock.now)
         if not job.request.writes:

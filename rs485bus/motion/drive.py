@@ -314,8 +314,8 @@ class Drive(DeviceAdapter):
         except Exception:
             _log.exception("%s: what was told of it by %s could not be understood", self.name, reply.hex(" "))
 
-    def on_unanswered(self) -> None:
-        self.state.silence.missed()
+    def on_unanswered(self, sent_at: float) -> None:
+        self.state.silence.missed(sent_at)
 
     def on_sent(self, request: Request, at: float) -> None:
         if not request.writes:

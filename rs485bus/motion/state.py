@@ -277,7 +277,7 @@ class DriveState:
             self.gap_at = at
             for axis in self.axes:
                 axis.was_unheard = not tells_restarts
-        was_silent = self.silence.answered()
+        was_silent = self.silence.answered(now)
         if now > self._answered_at + FRESH:
             if at <= self.heard_at + FRESH:
                 self.gap_at = now  # the first attempt may have been made long ago, and be what is answered

@@ -160,7 +160,7 @@ class DeviceAdapter(ABC):
         """It has answered, whoever asked. `asked_at` is the earliest time at which this reply can have been asked for:
         one that may have come late is that old. Refusals and exceptions are not told."""
 
-    def on_unanswered(self) -> None:
+    def on_unanswered(self, sent_at: float) -> None:
         """It has not answered a request in its time, whoever asked."""
         return
 

@@ -391,16 +391,17 @@ def test_a_silence_is_one_that_the_line_does_not_explain() -> None:
         silence, rng = Silence(), random.Random(1)
         for _ in range(500):
             if rng.random() < share_lost:
-                silence.missed()
+                silence.missed(0.0)
             else:
-                silence.answered()
-        silence.answered()
-        for _ in range(explained):
-            silence.missed()
-        assert not silence.answered()
-        for _ in range(explained + 3):
-            silence.missed()
-        assert silence.answered()
+                silence.answered(0.1)
+        silence.answered(0.1)
+        for misses, is_silent in ((explained, False), (explained + 3, True)):
+            for _ in range(misses):
+                silence.missed(1.0)
+            assert silence.answered(2.0) is is_silent
+        for _ in range(9):
+            silence.missed(3.0)
+        assert not silence.answered(3.2)  # it was not waited for
 
 
 @on_virtual_clock

@@ -55,6 +55,8 @@ class Shaft:
     """What the moves that are told in pulses count."""
     home: float = 0.0
     """Where the shaft stands when its axis is home: its position 0."""
+    homes: list[tuple[float, float]] = field(default_factory=list)
+    """When its switch was moved, and where to."""
     slack: float = 0.004
     """Turns by which the drive may stand off its target, and read positions wrongly."""
     limits: tuple[float, float] | None = None
@@ -71,6 +73,10 @@ class Shaft:
     """From when on its drive answers at which address."""
     together: tuple[str, ...] = ()
     """The others that stand if it fails: the other wheel, the group."""
+
+    def home_at(self, when: float) -> float:
+        """Where it stands then when its axis is home."""
+        return next((place for at, place in reversed(self.homes) if at <= when), self.home)
 
     def add(self, at: float, position: float, rpm: float) -> None:
         """It is there now."""

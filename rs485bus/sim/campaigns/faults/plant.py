@@ -210,7 +210,8 @@ class MksUnderTest(Drive):
         if self._sim.motion.activity is not None:
             return False  # homing looks for the switch
         if rpm < 0:
-            machine.home_switch = self.shafts[0].home = here
+            machine.home_switch = here
+            self.shafts[0].homes.append((now, here))
         else:
             machine.right_switch = here
         self._sim.advance(now)

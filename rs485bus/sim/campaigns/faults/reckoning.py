@@ -105,7 +105,7 @@ def legs(evidence: Evidence, shaft: Shaft) -> Iterator[Leg]:
             base = target if done else None
             free = max(free, evidence.ended if call.ended == NEVER else call.ended)
             if call.verb == "home":
-                zero, zeroed_at = (shaft.home if done else None), call.ended
+                zero, zeroed_at = (shaft.home_at(call.begun) if done else None), call.ended
 
 
 def _last_of(call: Call, calls: list[Call]) -> Call:
@@ -132,7 +132,7 @@ def _target(call: Call, shaft: Shaft, zero: float | None, base: float | None) ->
     if call.failed & _NOTHING_QUEUED or (call.failed and call.ended == call.begun):
         return None  # it was refused as it was called
     if call.verb == "home":
-        return shaft.home
+        return shaft.home_at(call.begun)
     if call.verb == "return_to_zero":
         return zero
     if call.verb in _FREE - {"retarget"} or not call.args:

@@ -277,7 +277,8 @@ class World:
     def second_caller(self, verb: str, drive: Drive | None) -> None:
         """Somebody else stops an axis, or everything."""
         names = set() if drive is None else {shaft.name for shaft in drive.shafts}
-        whom = self._recorded if drive is None else [axis for axis in self._axes if names & set(axis.shafts)]
+        axes = [axis for axis in self._axes if drive is None or names & set(axis.shafts)]
+        whom = self._recorded if verb == "emergency_stop" else axes
         for one in whom:
             self._spawn(self._call_and_see(one.by(self._others), verb))
 

@@ -343,7 +343,7 @@ def test_eight_units_on_a_line_that_loses_30_percent_are_never_offline() -> None
     units = [Switched(address) for address in range(1, 9)]
     rig = Rig(*units, noise=Noise(lost_reply=0.3), config=FIRM, keep_frames=False)
     poll(rig, range(1, 9), {})
-    for _ in range(600):
+    for _ in range(240):
         rig.run(0.5)
         assert not any(unit.reach.offline for unit in rig.owner.units)
 

@@ -149,15 +149,15 @@ class Transaction:
         return receiver.skipped + receiver.pending - self._skipped, receiver.crc_errors - self._crc_errors
 
     def _listen(self, patterns: Sequence[Pattern[_Key]], late: Iterable[PendingReplies]) -> None:
+        expected = list(patterns)
         seen = set()
-        for replies in late:
-            for owed in replies:
-                for pattern in _answers(owed.request, Kind.LATE, Kind.LATE_EXCEPTION, Kind.LATE):
-                    looks = (pattern.prefix, pattern.length)
-                    if looks not in seen:  # many attempts are answered alike
-                        seen.add(looks)
-                        patterns = [*patterns, pattern]
-        self._receiver.expect(patterns)
+        for request in dict.fromkeys(owed.request for replies in late for owed in replies):  # many attempts are alike
+            for pattern in _late_answers(request):
+                looks = (pattern.prefix, pattern.length)
+                if looks not in seen:  # and many requests are answered alike
+                    seen.add(looks)
+                    expected.append(pattern)
+        self._receiver.expect(expected)
         self._skipped = self._receiver.skipped
         self._crc_errors = self._receiver.crc_errors
 
@@ -194,6 +194,11 @@ def _length(request: Request) -> int:
         return request.sizer(request.adu)
     except (IndexError, ValueError, TypeError):
         return 0
+
+
+@lru_cache(maxsize=256)
+def _late_answers(request: Request) -> Sequence[Pattern[_Key]]:
+    return _answers(request, Kind.LATE, Kind.LATE_EXCEPTION, Kind.LATE)
 
 
 def _answers(

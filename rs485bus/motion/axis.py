@@ -204,7 +204,8 @@ class Axis:
         if rate <= 0:
             raise LimitExceeded(f"{self.name}: acceleration {rate:g} rpm/s is not above 0")
         self._commands.warn_unwatched()
-        return self._streams.open(seconds, rate, self._commands.queue, self._stream, self.stop)
+        carry_out = self._commands.queue, self._stream
+        return self._streams.open(seconds, rate, *carry_out, self.stop, self._stops.stopped)
 
     def set_zero(self) -> Handle[None]:
         """Make the position at which the axis then stands its zero."""
@@ -381,8 +382,7 @@ class Axis:
     async def _run(
         self, move: Move, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None
     ) -> float:
-        await self._runs.run(move, rpm, parameters, duration, ticks, self._scale.count_limits)
-        return await self.position()
+        return self._to_units(await self._runs.run(move, rpm, parameters, duration, ticks, self._scale.count_limits))
 
     async def _stream(
         self, move: Move, streamer: list[Streamer], timeout: float, acceleration: float, started: Callable[[], None]

@@ -17,8 +17,6 @@ T = TypeVar("T")
 
 MAX_QUEUED = 64
 """Commands that may wait on one axis."""
-_LOOK_AGAIN = 0.05
-"""Seconds after which one that waits for the end looks what is being carried out by then."""
 
 
 class CommandQueue:
@@ -54,6 +52,8 @@ class CommandQueue:
         self._unawaited: Handle[Any] | None = None
         """A failure that nobody could await."""
         self._hold: Handle[Any] | None = None
+        self._drained_by = 0
+        """How many wait for its end: what goes on until a block is left is ended."""
         self._joints: dict[Handle[Any], object] = {}
 
     def pair(self, handle: Handle[Any], joint: object) -> None:
@@ -145,11 +145,35 @@ class CommandQueue:
 
     async def drain(self) -> None:
         """Wait until nothing waits or is being carried out. What goes on until a block is left is ended."""
-        while self._worker is not None:
-            if self._current is not None and self._current._end_block is not None:
-                self._current._end_block()
-            await asyncio.wait([self._worker], timeout=_LOOK_AGAIN)
-        await self._held()
+        self._drained_by += 1
+        try:
+            self._end_block()
+            while self._worker is not None:
+                await asyncio.wait([self._worker])
+        finally:
+            self._drained_by -= 1
+        await self.held()
+
+    async def held(self) -> bool:
+        """Wait for the stop that must end first. False if it was not confirmed."""
+        hold = self._hold
+        if hold is None:
+            return True
+        seen = hold.seen
+        try:
+            await hold.wait()
+        except MotionError:
+            hold.seen = seen  # this is not who is to be told
+            return False
+        finally:
+            if hold is self._hold and hold.done():
+                self._hold = None
+        return True
+
+    def _end_block(self) -> None:
+        """End what goes on until a block is left, where somebody waits for the end of all."""
+        if self._drained_by and self._current is not None and self._current._end_block is not None:
+            self._current._end_block()
 
     def _kept_open_before(self, handle: Handle[Any]) -> Handle[Any] | None:
         """The command before one that ends only when the present task leaves its block."""
@@ -165,11 +189,12 @@ class CommandQueue:
         me = asyncio.current_task()
         try:
             while self._waiting:
-                if not await self._held():
+                if not await self.held():
                     self._cancel_waiting(MoveCancelled(f"Cancelled: {self._name} was not seen standing before it."))
                     break
                 handle, carry_out = self._waiting.popleft()
                 self._current = handle
+                self._end_block()
                 try:
                     result = await carry_out()
                 except Exception as error:
@@ -192,19 +217,6 @@ class CommandQueue:
         finally:
             if self._worker is me:
                 self._worker = None
-
-    async def _held(self) -> bool:
-        """Wait for the stop that must end first. False if it was not confirmed."""
-        hold, self._hold = self._hold, None
-        if hold is None:
-            return True
-        seen = hold.seen
-        try:
-            await hold.wait()
-        except MotionError:
-            hold.seen = seen  # this is not who is to be told
-            return False
-        return True
 
     def _cancel_waiting(self, error: Exception) -> None:
         self._upset()

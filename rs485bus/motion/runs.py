@@ -57,9 +57,10 @@ class RunExecutor:
         duration: float | None,
         ticks: int | None,
         limits: tuple[int, int] | None,
-    ) -> None:
+    ) -> int:
         """Change to a speed, in the drive's direction: until that is reached; for a time, until it stands again. It is
-        stopped by its ramp before it leaves the limits, in counts."""
+        stopped by its ramp before it leaves the limits, in counts. Where it was seen last: nothing is asked once it is
+        known that the run is done."""
         move.rpm, move.acceleration = abs(rpm), parameters.acceleration
         self._overtaken = False
         start = await self._executor.ready(standing=False)
@@ -84,7 +85,7 @@ class RunExecutor:
         move.eta = course.eta
         if duration is None or not rpm:
             await self._executor.see_it_end(move, course, reached=self._overtaken)
-            return
+            return self._seen_at
         if ticks is not None:
             await self._executor.see_it_end(move, course)
         else:
@@ -103,6 +104,7 @@ class RunExecutor:
                 f"{self._name} went {went:.3f} turns in its {what} for {duration:g} s, and should have gone "
                 f"{wanted:.3f}. {remedy}"
             )
+        return self._seen_at
 
     def overtake(self) -> None:
         """Do not wait for the speed of the run that is carried out: another one follows."""
@@ -122,13 +124,13 @@ class RunExecutor:
         self._executor.commanded = None
         move.state, move.started_at = MoveState.MOVING, self._bus.now()
         await self._executor.see_it_end(move, await begin(await self._speed()))
-        position: int = self._state.last(Fact.POSITION).value
-        return position
+        return self._seen_at
 
     async def push(
         self, move: Move, wanted: object, plan: Callable[[], Plan[None]], of_all: PlanOfAll, what: str
-    ) -> None:
-        """Have it do something by a plan that goes on until it is told otherwise. Done once it was told."""
+    ) -> int:
+        """Have it do something by a plan that goes on until it is told otherwise. Done once it was told; where it was
+        seen last."""
         task = Task(move, start=await self._executor.ready(standing=False))
         await self._executor.set_off(task, plan, wanted, of_all)
         assert move.started_at is not None
@@ -139,8 +141,15 @@ class RunExecutor:
                 self._executor.on_trouble(error)
 
         self._supervisor.follow(self._axis, course, told)
+        return self._seen_at
 
     # Parts of them
+
+    @property
+    def _seen_at(self) -> int:
+        """Where it was seen last, in counts."""
+        position: int = self._state.last(Fact.POSITION).value
+        return position
 
     @property
     def _attempt(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Literal
 
@@ -220,6 +220,7 @@ class SetpointStream:
         begin: queues it; it gives the stream as a command, and the set-point.
         running: what tells the speeds, once it does.
         stop: stops the axis.
+        stopped: waits for the end of a stop that is under way.
     """
 
     def __init__(
@@ -227,11 +228,14 @@ class SetpointStream:
         begin: Callable[[Callable[[], None]], tuple[Move, Setpoint]],
         running: Sequence[Streamer],
         stop: Callable[[], object],
+        stopped: Callable[[], Awaitable[None]],
     ) -> None:
         self._begin = begin
         self._running = running
         self._stop = stop
+        self._stopped = stopped
         self._move: Move | None = None
+        self._is_ended = False
 
     @property
     def over(self) -> bool:
@@ -239,7 +243,8 @@ class SetpointStream:
         return self._move is None or self._move.done()
 
     def end(self) -> None:
-        """Slow down to a stand, as at the end of the block."""
+        """Slow down to a stand, as at the end of the block; at once, where it has not begun."""
+        self._is_ended = True
         for each in self._running:
             each.end()
 
@@ -249,8 +254,14 @@ class SetpointStream:
         self._move.add_done_callback(lambda move: callback(move.error))
 
     async def __aenter__(self) -> Setpoint:
-        started = asyncio.Event()
-        self._move, setpoint = self._begin(started.set)
+        started, self._is_ended = asyncio.Event(), False
+
+        def begun() -> None:
+            started.set()
+            if self._is_ended:
+                self.end()
+
+        self._move, setpoint = self._begin(begun)
         self._move.add_done_callback(lambda _: started.set())
         await begin_block((self._move,), started, self.end)
         if self._move.done():
@@ -268,7 +279,7 @@ class SetpointStream:
                 self.end()
                 await move.wait()
         except MoveCancelled:
-            pass  # somebody stopped it
+            await self._stopped()  # by somebody else
         except BaseException as why:
             if not isinstance(why, BusError):
                 self._stop()

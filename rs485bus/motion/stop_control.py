@@ -181,6 +181,17 @@ class StopControl:
         if not halted.standing:
             raise self.unconfirmed()
 
+    async def stopped(self) -> None:
+        """Wait for the end of a stop that is under way, whoever asked for it. Raises `StopUnconfirmed`."""
+        if not await self.queue.held():
+            raise self.unconfirmed()
+        halt = self._bus.owner.units[self._drive.address].halt
+        if halt is not None and self.is_stopping:
+            halted: asyncio.Future[Halted] = asyncio.get_running_loop().create_future()
+            halt.listen(lambda ended: settle(halted, ended))
+            if not (await halted).standing:
+                raise self.unconfirmed()
+
     async def block(self, why: str, *, until_standing: bool = False) -> None:
         """Nobody knows what the axis does: stop it, and let it move only after `enable()`; or, where it must be known
         but that it stands, where it was not seen standing."""

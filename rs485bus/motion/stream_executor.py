@@ -66,6 +66,7 @@ class StreamExecutor:
         queue: Callable[[str, None, None, Callable[[Move], Awaitable[float]]], Move],
         carry_out: CarryOut,
         stop: Callable[[], object],
+        stopped: Callable[[], Awaitable[None]],
     ) -> SetpointStream:
         """A stream, which joins the queue when its block is entered.
 
@@ -75,6 +76,7 @@ class StreamExecutor:
             queue: queues it.
             carry_out: carries it out when its turn has come.
             stop: stops the axis.
+            stopped: waits for the end of a stop that is under way.
         """
         running: list[Streamer] = []
 
@@ -83,7 +85,7 @@ class StreamExecutor:
             state = self._drive.state.axes[self._axis]
             return move, Setpoint(move, self._scale.sign, state, running, self._speed)
 
-        return SetpointStream(begin, running, stop)
+        return SetpointStream(begin, running, stop, stopped)
 
     def _speed(self, rpm: float) -> float:
         return finite(f"{self._name}: a set-point (rpm)", rpm)

@@ -169,6 +169,41 @@ async def test_a_stop_ends_the_stream_and_who_tells_more_is_told(make: Make) -> 
         assert await on.axis.move_by(0.5)
 
 
+@FAMILIES
+@pytest.mark.parametrize("stop", ["axis", "bus"])
+@virtual
+async def test_a_stream_that_somebody_else_has_stopped_is_left_when_the_motor_stands(make: Make, stop: str) -> None:
+    async with rig(make) as on:
+        async with on.axis.stream(acceleration=ACCELERATION) as setpoint:
+            setpoint(300)
+            await asyncio.sleep(0.2)
+            stopping = on.axis.stop() if stop == "axis" else on.axis.bus.emergency_stop()
+        assert not on.sim.moving(now())
+        await stopping
+
+
+@FAMILIES
+@virtual
+async def test_a_stream_that_has_yet_to_begin_when_the_end_of_all_is_waited_for_ends_at_once(make: Make) -> None:
+    async with rig(make) as on:
+        arrived: list[float] = []
+        on.axis.move_by(0.2).add_done_callback(lambda _: arrived.append(now()))
+
+        async def source() -> None:
+            async with on.axis.stream(acceleration=ACCELERATION) as setpoint:
+                while True:
+                    with suppress(MotionError):
+                        setpoint(300)
+                    await asyncio.sleep(0.02)
+
+        streaming = asyncio.create_task(source())
+        await asyncio.sleep(0)
+        await on.axis.drain()
+        assert all(abs(rpm) < 1 for at, rpm in on.speeds if at > arrived[0] + 0.01)
+        streaming.cancel()
+        await asyncio.wait([streaming])
+
+
 @virtual
 async def test_a_fault_ends_the_stream_within_half_a_second() -> None:
     async with rig(one_tlr) as on:

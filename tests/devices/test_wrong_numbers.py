@@ -12,6 +12,7 @@ from rs485bus.devices.axis import Axis
 from rs485bus.devices.tlr import Path
 from rs485bus.errors import LimitExceeded
 from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
+from tests.devices.stream_rig import FAMILIES, Make, rig
 from tests.integration.support import virtual
 
 VERBS: dict[str, Callable[[Axis, float], Awaitable[object]]] = {
@@ -77,3 +78,16 @@ async def test_tables_of_a_drive_take_no_such_numbers_either() -> None:
                 await stepper.set_soft_limits(*limits)
         await asyncio.sleep(0.1)
         assert await stepper.idle()
+
+
+@pytest.mark.parametrize("acceleration", [5e-324, 1e308])
+@FAMILIES
+@virtual
+async def test_the_least_and_the_greatest_ramp_that_there_are_end_no_stream(make: Make, acceleration: float) -> None:
+    async with rig(make) as on:
+        on.axis.limits = (-5.0, 5.0)
+        async with on.axis.stream(acceleration=acceleration) as setpoint:
+            setpoint(100)
+            await asyncio.sleep(0.1)
+            setpoint(-100)
+            await asyncio.sleep(0.1)

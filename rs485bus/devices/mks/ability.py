@@ -86,7 +86,7 @@ class MksAbility(Ability):
 
     def gentler(self, acceleration: float) -> int:
         """The code that comes nearest to an acceleration from below; that of the gentlest ramp below that."""
-        return 0 if acceleration == math.inf else max(1, 256 - math.ceil(_RAMP_UNIT / acceleration))
+        return 0 if acceleration == math.inf else 256 - math.ceil(min(255.0, _RAMP_UNIT / acceleration))
 
     def rpm_of(self, speed_code: int) -> float:
         """The speed that a speed value makes, in rpm."""

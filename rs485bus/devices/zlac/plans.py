@@ -217,9 +217,9 @@ def setpoints(drive: ZlacDrive, speeds: Mapping[int, float], acceleration: float
     for axis, rpm in speeds.items():
         ability = drive.abilities[axis]
         steps[axis] = math.trunc(rpm * ability.resolution + math.copysign(1e-6, rpm))
-        change = drive.options.ramp_rpm or 2 * STEP * acceleration
-        time = 0.0 if math.isinf(acceleration) else 1000 * change / acceleration
-        times[axis] = min(r.MAX_RAMP, math.ceil(time - 1e-6))
+        seconds = drive.options.ramp_rpm / acceleration if drive.options.ramp_rpm else 2 * STEP
+        time = 0.0 if math.isinf(acceleration) else 1000 * seconds
+        times[axis] = math.ceil(min(r.MAX_RAMP, time - 1e-6))
         drive.keep(axis, ControlMode.VELOCITY, acceleration)
     targets = _targets(drive, r.TARGET_VELOCITY, steps)
     ramps, held = [], True

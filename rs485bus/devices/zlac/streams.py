@@ -111,11 +111,12 @@ class PairStream:
         self._moves: tuple[Move, Move] | None = None
         self._setpoint: PairSetpoint | None = None
         self._started = asyncio.Event()
+        self._is_ended = False
 
     async def __aenter__(self) -> PairSetpoint:
         base = self._base
         wheels = (base.left, base.right)
-        self._started = asyncio.Event()
+        self._started, self._is_ended = asyncio.Event(), False
         self._moves = base._queue_stream(self._begin)
         signs = tuple(-1 if wheel.reverse else 1 for wheel in wheels)
         setpoint = self._setpoint = PairSetpoint(self._drive, self._moves, (signs[0], signs[1]))
@@ -147,6 +148,8 @@ class PairStream:
         errors = [each for each in ended if isinstance(each, BusError) and not isinstance(each, MoveCancelled)]
         if errors:
             raise errors[0]
+        for wheel in (self._base.left, self._base.right):
+            await wheel._stops.stopped()  # where somebody else has stopped them
         return False
 
     async def _begin(self, speeds: dict[int, float]) -> Streamer:
@@ -164,9 +167,12 @@ class PairStream:
             self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left._streams.notice_stale
         )
         self._started.set()
+        if self._is_ended:
+            self._end()
         return self._setpoint.streamer
 
     def _end(self) -> None:
+        self._is_ended = True
         if self._setpoint is not None and self._setpoint.streamer is not None:
             self._setpoint.streamer.end()
 

@@ -290,10 +290,11 @@ class ZlacWheel(Axis):
     async def _push(self, move: Move, milliamperes: int, slope: int | None) -> float:
         wanted = (milliamperes, slope)
         async with self._in_turn(ControlMode.TORQUE):
-            await self._runs.push(
-                move, wanted, lambda: plans.push(self._zlac, {self._at: wanted}), self._zlac.push_all, "torque"
+            return self._to_units(
+                await self._runs.push(
+                    move, wanted, lambda: plans.push(self._zlac, {self._at: wanted}), self._zlac.push_all, "torque"
+                )
             )
-            return await self.position()
 
     async def _enable(self) -> None:
         # Both are: one after the other.

@@ -48,6 +48,10 @@ class FlakyMks(SimMks):
         """It does what the next such request says, and its reply is lost."""
         self._mute += times * [what.address]
 
+    def lose_nothing(self) -> None:
+        """No request is lost any more."""
+        self._deaf.clear()
+
     def instead(self, what: Register[Any] | Block, happen: Callable[[float], None]) -> None:
         """Something else happens when the next such request comes, which it never sees."""
         self._instead[what.address] = happen

@@ -241,7 +241,7 @@ async def test_a_status_that_lies_confirms_no_stop(emergency: bool) -> None:
             return heard(frame, now)
 
         swallowed: list[bytes] = []
-        sim._deaf.clear()
+        sim.lose_nothing()
         sim.receive = swallow  # type: ignore[method-assign]
         await (on.axis.emergency_stop() if emergency else on.axis.stop())
         stands = on.shaft

@@ -55,6 +55,18 @@ async def test_a_wheel_alone_is_streamed_while_the_other_one_runs() -> None:
         await p.base.stop()
 
 
+@pytest.mark.parametrize("who", ["base", "wheel", "bus"])
+@on_virtual_clock
+async def test_a_stream_of_both_that_somebody_else_has_stopped_is_left_when_both_stand(who: str) -> None:
+    async with plant() as p:
+        async with p.base.stream(acceleration=200) as setpoint:
+            setpoint(60.0, 60.0)
+            await asyncio.sleep(0.2)
+            stop = {"base": p.base.stop, "wheel": p.base.left.stop, "bus": p.bus.emergency_stop}[who]()
+        assert p.rpm() == (0, 0)
+        await stop
+
+
 @on_virtual_clock
 async def test_a_fault_ends_the_stream_and_is_raised_by_the_next_set_point() -> None:
     async with plant(WatchedZlac(watchdog=0)) as p:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -26,6 +25,7 @@ from rs485bus.sim.mks_machine import Machine
 from rs485bus.sim.mks_memory import Refused, accept, factory_settings
 from rs485bus.sim.mks_motion import MksMotion
 from rs485bus.sim.mks_quirks import PLAIN, Manners, Quirks
+from rs485bus.sim.mks_readings import readings
 from rs485bus.sim.mks_shaft import FOREVER
 from rs485bus.wire.frames import BROADCAST, READ_INPUT, WRITE_SINGLE, crc
 
@@ -126,6 +126,7 @@ class SimMks(SimDevice):
             r.PULSE_DIVIDER.address: lambda values, now: self._set_divider(values),
             r.SINGLE_TURN.address: self._set_single_turn,
         }
+        self._readings = readings(self)
         self.motion.reset(0.0, enabled_at_power_on)
 
     # What one sees of it
@@ -280,26 +281,11 @@ class SimMks(SimDevice):
         return pdu[:5]
 
     def _read(self, pdu: bytes, now: float) -> bytes | None:
-        motion = self.motion
-        turns, value = divmod(math.floor(motion.motor.position(now) * r.COUNTS_PER_TURN), r.COUNTS_PER_TURN)
-        values: dict[int, bytes] = {
-            r.ENCODER.address: r.ENCODER.encode(turns, value),
-            r.POSITION.address: r.POSITION.encode(motion.counts(now)),
-            r.SPEED.address: r.SPEED.encode(round(motion.motor.rpm(now))),
-            r.PULSES.address: r.PULSES.encode(motion.pulses(now) % 0x1_0000_0000),
-            r.INPUTS.address: r.INPUTS.encode(self.inputs(now)),
-            r.ANGLE_ERROR.address: r.ANGLE_ERROR.encode(motion.angle_error(now)),
-            r.ENABLED.address: r.ENABLED.encode(motion.enabled),
-            r.HOMED.address: r.HOMED.encode(*motion.homed),
-            r.STALLED.address: r.STALLED.encode(motion.stalled),
-            r.VERSION.address: r.VERSION.encode(self.version),
-            r.STATUS.address: r.STATUS.encode(self.status(now)),
-        }
         try:
             register = understand(pdu).what.address
         except ValueError:
             return None
-        data = self._manners.answered(register, values[register])
+        data = self._manners.answered(register, self._readings[register](now))
         return bytes((READ_INPUT, len(data))) + data
 
     def _write(self, pdu: bytes, now: float) -> None:

@@ -133,6 +133,8 @@ class MksShaft:
 
     def advance(self, last: float, now: float, starves_at: float, starved: Callable[[float], None]) -> None:
         """Let everything happen until now, each at its time: what was planned, collisions, a starved watchdog."""
+        if not self._events and self.motor.rests(last):
+            return
         while True:
             due = min(self._events, key=lambda event: event[0], default=None)
             starves = max(last, starves_at) if self.motor.moving(last) else FOREVER

@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 _MINUTE = 60.0
+_NEVER = float("-inf")
 
 
 class _Leg(NamedTuple):
@@ -26,7 +27,7 @@ class Motor:
     __slots__ = ("_legs", "target")
 
     def __init__(self, position: float = 0.0) -> None:
-        self._legs = [_Leg(float("-inf"), position, 0.0, 0.0)]
+        self._legs = [_Leg(_NEVER, position, 0.0, 0.0)]
         self.target: float | None = None
         """Where it is going, in turns; None while it runs at a speed."""
 
@@ -48,6 +49,11 @@ class Motor:
     def moving(self, now: float) -> bool:
         leg, _ = self._leg(now)
         return leg.speed != 0 or leg.rate != 0
+
+    def rests(self, now: float) -> bool:
+        """Whether it stands until it is told something."""
+        last = self._legs[-1]
+        return last.at <= now and last.speed == 0
 
     @property
     def wanted_rpm(self) -> float:
@@ -118,8 +124,10 @@ class Motor:
         return None
 
     def _leg(self, now: float) -> tuple[_Leg, float]:
-        leg = next((leg for leg in reversed(self._legs) if leg.at <= now), self._legs[0])
-        return leg, now - leg.at if leg.at > float("-inf") else 0.0
+        for leg in reversed(self._legs):
+            if leg.at <= now:
+                break
+        return leg, now - leg.at if leg.at > _NEVER else 0.0
 
     def _begin(self, now: float) -> None:
         leg, elapsed = self._leg(now)

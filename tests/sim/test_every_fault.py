@@ -1,5 +1,7 @@
 """A share of what `python -m rs485bus.sim.every_fault` and `python -m rs485bus.sim.long_motion` run in full."""
 
+from dataclasses import replace
+
 import pytest
 
 from rs485bus.sim.campaigns.faults.campaign import try_all
@@ -32,3 +34,15 @@ def test_a_run_has_a_command_that_runs_it_again() -> None:
         "python -m rs485bus.sim.every_fault --family mks --scenario home-and-move --option stuck-status --goes-on "
         "--fault reply-lost,dead --frame 3,5"
     )
+
+
+def test_what_is_not_run_again_is_the_same_for_an_application_that_goes_on_after_errors() -> None:
+    base = Case("mks", "move-there-and-back")
+    for case in cases_of(base)[::97]:
+        evidence, wrong = case.judged()
+        if not evidence.gave_up:
+            other, also_wrong = replace(case, goes_on=True).judged()
+            assert (other.frames, also_wrong) == (evidence.frames, wrong)
+            assert [str(call) for call in other.calls] == [str(call) for call in evidence.calls]
+    found = try_all(cases_of(base)[::97], both=True)
+    assert found.alike > found.runs / 4

@@ -17,9 +17,9 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from rs485bus.sim.campaigns.faults.case import Case, bases, cases_of, pairs_of
+from rs485bus.sim.campaigns.faults.case import Case, bases, cases_of, pairs_of, without_faults
 from rs485bus.sim.campaigns.faults.evidence import Evidence
 from rs485bus.sim.campaigns.faults.fault import FAULTS
 from rs485bus.sim.campaigns.faults.oracle import INVARIANTS
@@ -35,6 +35,9 @@ class Found:
     """What some runs have shown."""
 
     runs: int = 0
+    alike: int = 0
+    """Runs that were not made, because they are the same as others: no call has failed, so that an application which
+    goes on after errors does what one does that gives up."""
     failed: list[tuple[Case, str, str]] = field(default_factory=list)
     """What was broken: by which run, which invariant, and what was seen."""
 
@@ -46,44 +49,66 @@ class Found:
     def add(self, other: Found) -> None:
         """Put others' findings to these."""
         self.runs += other.runs
+        self.alike += other.alike
         self.failed += other.failed
 
 
-def try_all(cases: list[Case]) -> Found:
-    """Run some; return what was found."""
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """What one process carries out at once."""
+
+    cases: list[Case]
+    both: bool = False
+    """Each stands for an application that gives up, and for one that goes on after errors."""
+
+
+def try_all(cases: list[Case], *, both: bool = False) -> Found:
+    """Run some; return what was found. `both`: as in `Piece`."""
     found = Found()
     for case in cases:
-        _, wrong = case.judged()
-        found.runs += 1
-        found.failed += [(case, name, seen) for name, seen in wrong]
+        evidence = _try(case, found)
+        if both and evidence.gave_up:
+            _try(replace(case, goes_on=True), found)
+        found.alike += both and not evidence.gave_up
     return found
 
 
-def plan(chosen: list[Case], faults: list[str], share: int = 1, offset: int = 0) -> list[list[Case]]:
+def _try(case: Case, found: Found) -> Evidence:
+    evidence, wrong = case.judged()
+    found.runs += 1
+    found.failed += [(case, name, seen) for name, seen in wrong]
+    return evidence
+
+
+def plan(chosen: list[Case], faults: list[str], share: int = 1, offset: int = 0) -> list[Piece]:
     """The runs, in pieces that one process carries out."""
     pieces = []
     for base in chosen:
+        other = replace(base, goes_on=not base.goes_on)
+        both = other in chosen and not without_faults(replace(base, goes_on=False)).gave_up
+        if both and base.goes_on:
+            continue
         plain = base.option == "plain"
         every = share if plain else share * _OPTIONS_SHARE
         cases = [case for case in cases_of(base) if not faults or case.faults[0][0] in faults]
         cases += pairs_of(base) if plain and not faults else []
         cases = ([base] if not faults else []) + cases[offset % every :: every]
-        pieces += [cases[at : at + _CHUNK] for at in range(0, len(cases), _CHUNK)]
+        pieces += [Piece(cases[at : at + _CHUNK], both) for at in range(0, len(cases), _CHUNK)]
         offset += 7
     return pieces
 
 
-def run_all(pieces: list[list[Case]], processes: int, show: bool) -> Found:
+def run_all(pieces: list[Piece], processes: int, show: bool) -> Found:
     """Run them in parallel."""
-    found, total = Found(), sum(map(len, pieces))
+    found, total = Found(), sum(len(piece.cases) * (1 + piece.both) for piece in pieces)
     with _progress(total, show) as tell:
         if processes == 1:
             for piece in pieces:
-                found.add(try_all(piece))
+                found.add(try_all(piece.cases, both=piece.both))
                 tell(found)
             return found
         with ProcessPoolExecutor(processes) as pool:
-            for future in as_completed([pool.submit(try_all, piece) for piece in pieces]):
+            for future in as_completed([pool.submit(try_all, piece.cases, both=piece.both) for piece in pieces]):
                 found.add(future.result())
                 tell(found)
     return found
@@ -92,7 +117,8 @@ def run_all(pieces: list[list[Case]], processes: int, show: bool) -> Found:
 def report(found: Found, seconds: float) -> str:
     """What came of it, for people."""
     by_invariant = Counter(name for _, name, _ in found.failed)
-    lines = [f"{found.runs} runs in {seconds / 60:.1f} minutes; {found.failures} of them broke an invariant", ""]
+    lines = [f"{found.runs} runs in {seconds / 60:.1f} minutes; {found.failures} of them broke an invariant"]
+    lines += [f"{found.alike} more were not made: no call failed, so that going on after errors is no difference", ""]
     width = max(map(len, INVARIANTS))
     lines += [f"{name:{width}}  {by_invariant[name]:6d}  {INVARIANTS[name].sentence}" for name in INVARIANTS]
     seen: set[Case] = set()
@@ -154,13 +180,14 @@ class _progress:  # noqa: N801 # a context manager
 
     def __call__(self, found: Found) -> None:
         if self._rich is not None:
-            self._rich.update(self._task, completed=found.runs, description=f"{found.failures} failed")
+            self._rich.update(self._task, completed=found.runs + found.alike, description=f"{found.failures} failed")
         elif self._show and time.perf_counter() - self._told > 10:
             self._told = time.perf_counter()
             took = self._told - self._begun
-            left = took * (self._total - found.runs) / max(1, found.runs)
+            made = found.runs + found.alike
+            left = took * (self._total - made) / max(1, made)
             print(
-                f"{found.runs} of {self._total} runs, {found.failures} failed, {left / 60:.1f} minutes left",
+                f"{made} of {self._total} runs, {found.failures} failed, {left / 60:.1f} minutes left",
                 file=sys.stderr,
                 flush=True,
             )

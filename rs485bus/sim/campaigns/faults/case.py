@@ -80,6 +80,8 @@ class Plain:
     """The longest time that each verb took."""
     ends: tuple[tuple[str, str, str], ...]
     """Who, verb and end of each call."""
+    gave_up: bool
+    """The application gave up after an error."""
 
 
 @lru_cache(maxsize=64)
@@ -96,6 +98,7 @@ def without_faults(case: Case) -> Plain:
         evidence.ended - evidence.begun,
         tuple(usual.items()),
         tuple((call.who, call.verb, call.end) for call in evidence.calls if not call.aside),
+        evidence.gave_up,
     )
 
 

@@ -191,6 +191,8 @@ class Evidence:
     """When the application began to leave the bus."""
     left_running: bool = False
     """The application wanted motors to go on when it left."""
+    gave_up: bool = False
+    """There was an error after which the application gave up; without one it is the same as one that goes on."""
     pauses: list[tuple[float, float]] = field(default_factory=list)
     """When the program itself did not run."""
     early_frames: int = 0

@@ -15,7 +15,7 @@ from rs485bus.sim.campaigns.faults.evidence import NEVER, Call
 _LASTING = frozenset({"stream"})
 """Blocks that are calls from their begin to their end: something may turn for as long."""
 
-Recover = Callable[["Recorded", BusError], Awaitable[None]]
+Recover = Callable[["Recorded", Exception], Awaitable[None]]
 
 
 class Notes:
@@ -35,6 +35,8 @@ class Notes:
         self.calls = calls
         self.now = now
         self.recover = recover
+        self.gave_up = False
+        """There was an error after which another application would have gone on."""
         self._aside = aside
 
     def begin(self, who: Recorded | str, verb: str, args: tuple[Any, ...], options: dict[str, Any]) -> Call:
@@ -42,6 +44,13 @@ class Notes:
         call = Call(name, verb, args, options, self.now(), shafts, aside=self._aside)
         self.calls.append(call)
         return call
+
+    def recovery(self, error: Exception) -> Recover | None:
+        """What the application does after an error, before it goes on; None where it gives up, or where that is none
+        of ours."""
+        is_ours = isinstance(error, BusError)
+        self.gave_up = self.gave_up or (is_ours and self.recover is None)
+        return self.recover if is_ours else None
 
     def end(self, call: Call, result: object = None, error: BaseException | None = None) -> None:
         """It has ended: once."""
@@ -85,7 +94,7 @@ class Recorded:
             answer = member(*map(_real, args), **{name: _real(value) for name, value in options.items()})
         except Exception as error:
             self.notes.end(call, None, error)
-            if isinstance(error, BusError) and self.notes.recover is not None:
+            if self.notes.recovery(error) is not None:
                 return Refused()
             raise
         if isinstance(answer, Handle):
@@ -146,8 +155,8 @@ class RecordedAnswer:
             raise
         except Exception as error:
             notes.end(self._call, None, error)
-            if isinstance(error, BusError) and notes.recover is not None:
-                await notes.recover(self._who, error)
+            if (recover := notes.recovery(error)) is not None:
+                await recover(self._who, error)
                 return None
             raise
         notes.end(self._call, result)

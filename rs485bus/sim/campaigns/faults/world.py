@@ -126,6 +126,7 @@ class World:
             evidence.closed_at = self.now()
         await asyncio.sleep(WATCHED_AFTER)
         self._timer.cancel()
+        evidence.gave_up = self._calls.gave_up
         evidence.ended = now = self.now()
         for drive in self.drives:
             drive.look(now, self._told_at)
@@ -237,7 +238,7 @@ class World:
         name = f"bus {number}"
         return next(bus for bus, recorded in zip(self._open, self._recorded, strict=True) if recorded.name == name)
 
-    async def _recover(self, who: Recorded, error: BusError) -> None:
+    async def _recover(self, who: Recorded, error: Exception) -> None:
         """What the application does after an error before it goes on."""
         if not hasattr(who.real, "enable"):
             return

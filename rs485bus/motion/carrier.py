@@ -170,7 +170,10 @@ class PlanCarrier:
                 raise unconfirmed from error
 
     async def is_seen_standing(self) -> bool:
-        """Whether the axis stands, once what was sent last would have set it in motion."""
+        """Whether the axis stands, once what was sent last would have set it in motion. On a pair that is never quiet
+        that is not waited for: it is stopped at once."""
+        if self._bus.owner.pair.was_noisy(self._bus.now()):
+            return False
         state = self._state
         settled = state.motion.commanded_at + self._drive.start_grace
         self._supervisor.begin(self._axis)

@@ -51,40 +51,40 @@ class Questions:
         self._asking: dict[bytes, tuple[float, asyncio.Future[Answer | None]]] = {}
         """What is being asked, by its frame: since when, and who waits for that."""
 
-    async def ask(self, fact: Fact, since: float | None = None) -> Answer:
+    async def ask(self, fact: Fact, since: float | None = None, urgency: Urgency = Urgency.POLL) -> Answer:
         """Ask for a fact; or wait for the answer, where it is being asked for since a time. None: since now."""
         since = self._bus.now() if since is None else since
         while True:
             request = self._free(fact)
             asked_at, answered = self._asking.get(request.adu, (NEVER, None))
             if answered is None or asked_at < since:
-                return await self._ask(request)
+                return await self._ask(request, urgency)
             answer = await asyncio.shield(answered)
             if answer is not None:
                 return answer
 
-    async def _ask(self, request: Request) -> Answer:
+    async def _ask(self, request: Request, urgency: Urgency) -> Answer:
         now, answered = self._bus.now(), asyncio.get_running_loop().create_future()
         self._asking[request.adu] = (now, answered)
         answer = None
         try:
-            answer = Answer(now, request, await self._until_not_refused(request))
+            answer = Answer(now, request, await self._until_not_refused(request, urgency))
             return answer
         finally:
             if self._asking.get(request.adu, (NEVER, None))[1] is answered:
                 del self._asking[request.adu]
             settle(answered, answer)  # None: who waits for it asks anew
 
-    async def _until_not_refused(self, request: Request) -> bytes:
+    async def _until_not_refused(self, request: Request, urgency: Urgency) -> bytes:
         """Ask; and ask again where it is said that the drive has failed to answer this time, or is still at it."""
         for _ in range(_ATTEMPTS - 1):
             try:
-                return await self._bus.ask(request, urgency=Urgency.POLL)
+                return await self._bus.ask(request, urgency=urgency)
             except DeviceRefused as refused:
                 if refused.code is None or exception(refused.code).meaning is Meaning.REFUSED:
                     raise
             await anyio.sleep(_REFUSED)
-        return await self._bus.ask(request, urgency=Urgency.POLL)
+        return await self._bus.ask(request, urgency=urgency)
 
     def _free(self, fact: Fact) -> Request:
         """What to ask for a fact: where a late reply could be taken for its answer, something that tells it, too."""
@@ -104,15 +104,25 @@ class AxisKnowledge:
         axis: which one of the drive it is.
         name: names it in messages.
         questions: asks the drive.
+        urgency: of what is asked.
     """
 
-    def __init__(self, bus: Bus, drive: Drive, axis: int, name: str, questions: Questions) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        drive: Drive,
+        axis: int,
+        name: str,
+        questions: Questions,
+        urgency: Urgency = Urgency.POLL,
+    ) -> None:
         self.state: AxisState = drive.state.axes[axis]
         self._bus = bus
         self._drive = drive
         self._axis = axis
         self._name = name
         self._questions = questions
+        self._urgency = urgency
 
     async def know(self, facts: Iterable[Fact], *, since: float | None = None) -> None:
         """Have facts that were asked for since a time, or at least since the last frame that can have changed them."""
@@ -122,7 +132,7 @@ class AxisKnowledge:
                 told = known.value is not None or (attempt > 0 and known.at > NEVER)  # it may say nothing of it
                 if told and (since is None or known.at >= since):
                     break
-                await self._questions.ask(fact, since)
+                await self._questions.ask(fact, since, self._urgency)
 
     async def afresh(self, *facts: Fact) -> None:
         """Ask for facts now."""
@@ -140,7 +150,8 @@ class AxisKnowledge:
             return True
         await self.afresh(Fact.POSITION)
         while still.is_in_doubt(FRESH):
-            await self.know((Fact.RUNNING,), since=still.since)
+            if not still.confirmed:
+                await self.know((Fact.RUNNING,), since=still.since)
             again = max(still.since + rule.apart, still.until + _LOOK_AGAIN)
             await anyio.sleep(max(0.0, again - self._bus.now()))
             await self.afresh(Fact.POSITION)

@@ -9,6 +9,7 @@ from typing import Any
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle, settle
+from rs485bus.bus.schedule.job import Urgency
 from rs485bus.bus.stopping.halt import Halted
 from rs485bus.bus.units.motion import Motion
 from rs485bus.errors import (
@@ -75,7 +76,8 @@ class StopControl:
         self._supervisor = supervisor
         self.tell = tell
         self._on_stop = on_stop
-        self._knowledge = AxisKnowledge(bus, drive, axis, name, supervisor.questions)
+        # What confirms a stop goes out over noise, too.
+        self._knowledge = AxisKnowledge(bus, drive, axis, name, supervisor.questions, Urgency.CONFIRM)
 
     # What users ask for
 

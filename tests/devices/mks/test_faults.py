@@ -1,5 +1,6 @@
 """What goes wrong ends in its documented exception, with the queue cancelled and the bus alive."""
 
+import itertools
 from contextlib import suppress
 from typing import Any
 
@@ -13,6 +14,7 @@ from rs485bus.devices.mks.homing import StopHoming, SwitchHoming
 from rs485bus.errors import (
     DeviceRefused,
     HomingFailed,
+    LineBusy,
     MotionError,
     MotorStalled,
     MoveCancelled,
@@ -25,6 +27,7 @@ from rs485bus.errors import (
 from rs485bus.motion.move import Move
 from rs485bus.sim import Machine, SimMks
 from rs485bus.sim.treatment import Treatment
+from tests.bus.test_noisy_line import bytes_without_end
 from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock, under_way
 
 
@@ -306,3 +309,33 @@ async def test_a_run_is_told_done_with_the_answer_that_shows_its_speed_and_asks_
         await run
         assert on.bus.now() - begun < 0.1
         on.sim.lose_nothing()
+
+
+@on_virtual_clock
+async def test_a_stop_on_a_line_that_is_never_quiet_is_seen_by_positions_too_and_told_within_a_second() -> None:
+    async with bench(FlakyMks(), rpm=600, acceleration=20_000) as on:
+        on.line.pair.lenient = True  # it hunts for frames
+        await on.axis.run(300)
+        on.line.babble(itertools.islice(bytes_without_end(1), 2000))
+        await anyio.sleep(0.05)
+        asked, begun = len(on.sent(r.POSITION)), on.bus.now()
+        await on.axis.stop()
+        assert on.bus.now() - begun < 0.9
+        assert len(on.sent(r.POSITION)) == asked + 2
+        await anyio.sleep(3)
+
+
+@on_virtual_clock
+async def test_a_motor_whose_command_fails_for_noise_is_stopped_without_asking_first_whether_it_stands() -> None:
+    async with bench(FlakyMks(), rpm=600, acceleration=20_000) as on:
+        on.line.pair.lenient = True
+        await on.axis.run(300)
+        on.line.babble(itertools.islice(bytes_without_end(2), 2000))
+        await anyio.sleep(0.05)
+        begun = on.bus.now()
+        with pytest.raises(LineBusy):
+            await on.axis.run(-300)
+        await anyio.sleep(0.1)
+        assert not on.sim.moving(on.bus.now())
+        assert on.bus.now() - begun < 1.2
+        await anyio.sleep(3)

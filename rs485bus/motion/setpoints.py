@@ -9,6 +9,7 @@ from typing import Literal
 
 from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.motion.courses import Course, Verdict
+from rs485bus.motion.drive import Ability
 from rs485bus.motion.move import Move
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
@@ -33,7 +34,7 @@ class StreamCourse(Course):
         grace: seconds within which the axis may stand though it was told to start.
         streamer: tells the speeds.
         at: which one of those that it tells this axis is.
-        counts_per_turn: of the axis.
+        ability: what the axis can be told.
         interval: seconds between two looks.
     """
 
@@ -46,7 +47,7 @@ class StreamCourse(Course):
         grace: float,
         streamer: Streamer,
         at: int,
-        counts_per_turn: int,
+        ability: Ability,
         interval: float,
     ) -> None:
         super().__init__("stream", state, started_at, grace)
@@ -54,10 +55,13 @@ class StreamCourse(Course):
         self._streamer = streamer
         self._at = at
         self._grace = grace
-        self._counts_per_turn = counts_per_turn
+        self._ability = ability
         self._place: int | None = None
         """Where it was last seen to have come to."""
-        self._place_at = NEVER
+        self._stays_since = self._looked_at = NEVER
+        """Since when it stays there though it was told to move; when that was looked at last."""
+        self._way, self._slowest = 0.0, _FOREVER
+        """How far it should have gone since, in counts; the slowest that it was told since it was looked at, in rpm."""
 
     def place(self) -> str:
         refused = self._streamer.refused
@@ -100,17 +104,22 @@ class StreamCourse(Course):
         return self._streamer.told.speeds[self._at]
 
     def _stays(self) -> bool:
-        """Whether it does not move though it was told to for long enough."""
-        position, rpm = self.state.last(Fact.POSITION), self._rpm
-        same = self.state.rule.same
+        """Whether it does not move though it was told to for long enough to show, at the slowest that it was told."""
+        position, told, rule = self.state.last(Fact.POSITION), self._streamer.told, self.state.rule
         if position.value is None:
             return False
-        if self._place is None or not rpm or abs(self.state.rule.moved(self._place, position.value)) > same:
-            self._place, self._place_at = position.value, position.at
-            return False
-        shows = _SHOWS * same * 60 / (abs(rpm) * self._counts_per_turn)
-        since = max(self._place_at, self._streamer.told.same_way_since[self._at] + self._grace)
-        return position.at - since > max(_HELD_UP, shows)
+        step = self._ability.rpm_step
+        speed = abs(self._rpm) // step * step  # a drive makes less of it, and stands where that is nothing
+        since = told.same_way_since[self._at] + self._grace
+        if self._place is None or not speed or abs(rule.moved(self._place, position.value)) > rule.same:
+            self._place, self._stays_since, self._looked_at, self._way = position.value, position.at, position.at, 0.0
+        elif since > self._stays_since:
+            self._stays_since, self._looked_at, self._way = since, max(since, position.at), 0.0
+        self._slowest = min(self._slowest, speed)
+        if position.at > self._looked_at:
+            self._way += self._slowest / 60 * self._ability.counts_per_turn * (position.at - self._looked_at)
+            self._looked_at, self._slowest = position.at, speed
+        return position.at - self._stays_since > _HELD_UP and self._way > _SHOWS * rule.same
 
 
 class Setpoint:

@@ -108,7 +108,6 @@ class StreamExecutor:
             started: called when it takes set-points.
         """
         limits, ability = self._scale.count_limits, self._scale.ability
-        counts_per_turn = ability.counts_per_turn
         terms = Terms(
             acceleration=acceleration,
             timeout=timeout,
@@ -122,7 +121,7 @@ class StreamExecutor:
             interval = self._supervisor.interval
             interval = interval if limits is None else min(interval, _NEAR_LIMITS)
             state, now, grace = self._drive.state.axes[self._axis], self._bus.now(), self._drive.start_grace
-            return StreamCourse(state, now, grace, streamer[0], 0, counts_per_turn, interval)
+            return StreamCourse(state, now, grace, streamer[0], 0, ability, interval)
 
         try:
             return await self._runs.stream(move, begin, by_reference=limits is not None)

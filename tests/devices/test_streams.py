@@ -170,6 +170,20 @@ async def test_a_stop_ends_the_stream_and_who_tells_more_is_told(make: Make) -> 
 
 
 @FAMILIES
+@pytest.mark.parametrize("slow", [0.9, 0.04, 1e-50])
+@virtual
+async def test_a_speed_below_the_least_that_can_be_told_is_no_stall_nor_is_a_quick_one_after_it(
+    make: Make, slow: float
+) -> None:
+    async with rig(make) as on, on.axis.stream(timeout=5.0, acceleration=ACCELERATION) as setpoint:
+        setpoint(slow)
+        await asyncio.sleep(3.0)
+        setpoint(149)
+        await asyncio.sleep(0.3)
+        assert on.rpm == pytest.approx(149, abs=2)
+
+
+@FAMILIES
 @pytest.mark.parametrize("stop", ["axis", "bus"])
 @virtual
 async def test_a_stream_that_somebody_else_has_stopped_is_left_when_the_motor_stands(make: Make, stop: str) -> None:

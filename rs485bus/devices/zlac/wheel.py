@@ -278,8 +278,7 @@ class ZlacWheel(Axis):
                 streamer = await joint.meet(self._at, rpm, begin)
                 streamers.append(streamer)
                 now, grace, interval = self.bus.now(), self._zlac.start_grace, self._supervisor.interval
-                counts = self._ability.counts_per_turn
-                return StreamCourse(self._state, now, grace, streamer, self._at, counts, interval)
+                return StreamCourse(self._state, now, grace, streamer, self._at, self._ability, interval)
 
             try:
                 return self._to_units(await self._runs.follow(move, follow))

@@ -299,16 +299,17 @@ async def test_a_held_shaft_is_not_seen_to_stand_by_its_position_before_its_driv
 
 @on_virtual_clock
 async def test_a_run_is_told_done_with_the_answer_that_shows_its_speed_and_asks_nothing_more() -> None:
-    async with bench(FlakyMks()) as on:
+    sim = FlakyMks()
+    async with bench(sim) as on:
         run = on.axis.run(150, acceleration=20_000)
         while run.started_at is None:
             assert not run.done()
             await anyio.sleep(0.001)
-        on.sim.lose_request(r.POSITION, times=100)
+        sim.lose_request(r.POSITION, times=100)
         begun = on.bus.now()
         await run
         assert on.bus.now() - begun < 0.1
-        on.sim.lose_nothing()
+        sim.lose_nothing()
 
 
 @on_virtual_clock

@@ -253,11 +253,7 @@ class PlanCarrier:
         mine = {carrier._axis for carrier, _ in self._all(task)}
         others = [state.motion for axis, state in enumerate(self._drive.state.axes) if axis not in mine]
         while any(motion.may_move for motion in others):
-            self._supervisor.plans.release()
-            try:
-                await anyio.sleep(_ASK_AGAIN)
-            finally:
-                await self._supervisor.plans.acquire()
+            await self._supervisor.plans.step_aside(_ASK_AGAIN)
 
     async def _check_standing(self, step: MustStand) -> None:
         if not await self._knowledge.stands():

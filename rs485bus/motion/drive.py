@@ -371,7 +371,8 @@ class _StopJudge(StandstillDetector):
         told, moves = self._drive.decode(request, reply), False
         for axis, still in self._still.items():
             facts = told[axis] if axis < len(told) else {}
-            still.see(sent_at, facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED))
+            seen = facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED)
+            still.see(sent_at, *seen, self._drive.state.so_by)
             moves = moves or facts.get(Fact.RUNNING) is True
         verdicts = [still.verdict for still in self._still.values()]
         if False in verdicts:

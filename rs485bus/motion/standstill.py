@@ -62,9 +62,17 @@ class Standstill:
         self._fast_at = NEVER
 
     def see(
-        self, at: float, position: int | None = None, running: bool | None = None, rpm: float | None = None
+        self,
+        at: float,
+        position: int | None = None,
+        running: bool | None = None,
+        rpm: float | None = None,
+        by: float = NEVER,
     ) -> None:
-        """Take in what was asked at a time: where the axis is, what its status says, how fast it turns."""
+        """Take in what was asked at a time or later: where the axis is, what its status says, how fast it turns.
+
+        `by` is the latest time at which it can have been so: what was asked again may be that much younger.
+        """
         if running is not None:
             self._running = running
         if rpm is not None:
@@ -72,9 +80,9 @@ class Standstill:
         if position is None:
             return
         if self._position is None:
-            self._position, self.since = position, at
+            self._position, self.since = position, max(at, by)
         elif abs(self.rule.moved(self._position, position)) > self.rule.same:
-            self._moved_at, self._moved_from, self.since = at, self.until, at
+            self._moved_at, self._moved_from, self.since = at, self.until, max(at, by)
             self._position = position
             self._running = None  # a status that said that it stands has lied
         self.until = at
@@ -87,7 +95,7 @@ class Standstill:
     @property
     def unmoved(self) -> float:
         """For how many seconds the position is known not to have changed."""
-        return self.until - self.since if self._position is not None else 0.0
+        return max(0.0, self.until - self.since) if self._position is not None else 0.0
 
     def is_in_doubt(self, longest: float) -> bool:
         """Whether it cannot be told yet, or was seen to move only by two positions further apart than that: it may have

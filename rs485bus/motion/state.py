@@ -145,8 +145,9 @@ class AxisState:
         """It is seen to stand in another way from now on."""
         self.rule = self.standstill.rule = rule
 
-    def learn(self, facts: Facts, at: float, now: float) -> None:
-        """A reply told these facts. It came now, and was asked for at a time or later."""
+    def learn(self, facts: Facts, at: float, now: float, by: float = NEVER) -> None:
+        """A reply told these facts. It came now, and was asked for at a time or later; they were so `by` then at the
+        latest."""
         for fact, value in facts.items():
             before = self._facts.get(fact, _UNKNOWN)
             if at >= before.at and at >= self._changed.get(fact, NEVER):
@@ -156,7 +157,8 @@ class AxisState:
                         self.last_way = (before.at, at, self.rule.moved(before.value, value))
                 self._facts[fact] = Known(value, at)
         if at >= self._changed.get(Fact.POSITION, NEVER) and at >= self.standstill.until:
-            self.standstill.see(at, facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED))
+            told = facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED)
+            self.standstill.see(at, *told, by)
 
     def change(self, facts: Iterable[Fact], at: float) -> None:
         """A frame that can change these facts goes out."""
@@ -261,6 +263,11 @@ class DriveState:
         """When it was first heard after its last silence, in which it may have restarted."""
         self._answered_at = NEVER
         """When its last reply came."""
+        self.so_by = NEVER
+        """The latest time at which what its last reply tells can have been so. One that was asked for once is as old as
+        the quickest one was; where a first attempt was lost, that says nothing."""
+        self._quickest = 0.0
+        """The fewest seconds in which it has answered anything."""
         self.silence = Silence()
         self._listeners: list[Callable[[], None]] = []
 
@@ -284,11 +291,12 @@ class DriveState:
             if was_silent and not tells_restarts:
                 for axis in self.axes:
                     axis.silent_since, axis.back_at = self._answered_at, at
-        self._answered_at = now
+        self._answered_at, self.so_by = now, max(at, now - self._quickest)
+        self._quickest = min(self._quickest or now - at, now - at)
         self.heard_at = max(self.heard_at, at)
         for axis, facts in zip(self.axes, told, strict=False):
             if facts:
-                axis.learn(facts, at, now)
+                axis.learn(facts, at, now, self.so_by)
         self.tell()
 
     def unsure_since(self, now: float) -> float:

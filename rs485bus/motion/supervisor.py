@@ -6,7 +6,6 @@ and whether anybody waits for it or not. Replies to others count: only what woul
 
 from __future__ import annotations
 
-import asyncio
 import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -28,6 +27,7 @@ from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
 from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget
 from rs485bus.motion.other_courses import ForeignCourse
+from rs485bus.motion.plan_lock import PlanLock
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
 from rs485bus.wire.frames import Request
@@ -84,8 +84,8 @@ class Supervisor:
         self._drive = drive
         self._budget = bus.keep(LookBudget, lambda: LookBudget(bus.config.supervision))
         self._watched: dict[int, _Watched] = {}
-        self.plans = asyncio.Lock()
-        """Held while a plan of the drive is carried out: what its axes share is changed by one at a time."""
+        self.plans = PlanLock()
+        """Held while a plan of the drive is carried out."""
         self.questions = Questions(bus, drive)
         self._job: Job | None = None
         self._unanswered: dict[bytes, Job] = {}

@@ -102,6 +102,16 @@ def test_what_was_asked_before_a_silence_does_not_show_that_a_drive_has_not_rest
     assert drive.unsure_since(now + later) <= now + later
 
 
+def test_two_positions_of_which_the_first_was_asked_for_twice_are_as_far_apart_as_their_answers() -> None:
+    drive = DriveState((AxisState(Motion(), RULE, jump=10),))
+    drive.hear(0.0, 0.005, ({Fact.RUNNING: False},))
+    drive.hear(0.1, 0.205, ({Fact.POSITION: 0},))  # its first attempt was lost
+    drive.hear(0.21, 0.215, ({Fact.POSITION: 0},))
+    assert drive.axes[0].stands is not True
+    drive.hear(0.251, 0.256, ({Fact.POSITION: 0},))
+    assert drive.axes[0].stands is True
+
+
 # The families: drives that answer as they are, late and in any order, while anybody writes
 
 

@@ -1422,6 +1422,7 @@ class SetpointStream:
         begin: queues it; it gives the stream as a command, and the set-point.
         running: what tells the speeds, once it does.
         stop: stops the axis.
+        stopped: waits for the end of a stop that is under way.
     """
     def __enter__(self) -> Setpoint: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...

@@ -42,6 +42,10 @@ class DriveSettings(ABC):
     async def write(self, values: Values) -> None:
         """Set some, and have the drive keep them. Raises `LimitExceeded` before anything is sent, where one is none."""
 
+    @abstractmethod
+    def check_values(self, values: Values) -> None:
+        """Refuse what some cannot be set to. Raises as `write`."""
+
     def check(self, names: Iterable[str]) -> None:
         """Raise `NotSupported` for a setting that the drive does not have."""
         known = self.names()
@@ -101,12 +105,19 @@ class RegisterSettings(DriveSettings):
         self.check(wanted)
         return {name: _plain(await self._ask(self._registers[name])) for name in wanted}
 
-    async def write(self, values: Values) -> None:
+    def check_values(self, values: Values) -> None:
+        self._checked(values)
+
+    def _checked(self, values: Values) -> Values:
+        """What is to be written, each of the register's own type."""
         self.check(values)
         typed = {name: _typed(self._registers[name], value) for name, value in values.items()}
         for name, value in typed.items():
-            self._registers[name].encode(value)  # raises what is out of range before any is sent
-        for name, value in typed.items():
+            self._registers[name].encode(value)  # raises what is out of range
+        return typed
+
+    async def write(self, values: Values) -> None:
+        for name, value in self._checked(values).items():
             await self._tell(self._registers[name], value)
         await self._keep()
 
@@ -244,10 +255,15 @@ class MksSettings(DriveSettings):
             "acknowledged is kept in the file that was loaded: rs485bus settings load NAME FILE, then diff NAME FILE."
         )
 
-    async def write(self, values: Values) -> None:
+    def check_values(self, values: Values) -> None:
+        self._servo.check_profile(self._profile(values))
+
+    def _profile(self, values: Values) -> mks.MksProfile:
         self.check(values)
-        profile = mks.MksProfile(**{name: self._value(name, value) for name, value in values.items()})
-        await self._servo.write_profile(profile)
+        return mks.MksProfile(**{name: self._value(name, value) for name, value in values.items()})
+
+    async def write(self, values: Values) -> None:
+        await self._servo.write_profile(self._profile(values))
 
     @property
     def acknowledged(self) -> Values:

@@ -18,6 +18,7 @@ from rs485bus.plant.entries import AxisEntry
 from rs485bus.plant.family import Family
 from rs485bus.plant.file import PlantFile
 from rs485bus.plant.options import typed_options
+from rs485bus.plant.reading import read_file
 from rs485bus.transport.interface import Transport
 
 
@@ -79,7 +80,7 @@ def write_found(path: Path, tables: Mapping[tuple[str, str], Mapping[str, Any]],
         tables: by section and name, ("axes", "x"), what to set; a value and its comment may be a pair.
         what: how it was found: "verified".
     """
-    document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
+    document: Any = tomlkit.parse(read_file(path))
     today = datetime.datetime.now().astimezone().date().isoformat()
     for (section, name), values in tables.items():
         table = document[section][name]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rs485bus.transport.adapter import plugged_in
 from rs485bus.transport.holders import others
+from rs485bus.transport.permission import how_to_be_allowed
 
 _BY_ID = Path("/dev/serial/by-id")
 _TTY = Path("/sys/bus/usb-serial/devices")
@@ -48,7 +49,7 @@ def _look(device: str, port: object) -> SerialPort:
     allowed = sys.platform == "win32" or os.access(device, os.R_OK | os.W_OK)
     advice = []
     if not allowed:
-        advice.append(f"join the group that owns it, then log in again: sudo usermod -aG {_group(device)} $USER")
+        advice.append(how_to_be_allowed(device))
     if held:
         advice.append("close the other program, or have it share its bus")
     if latency is not None and latency > 1:
@@ -79,15 +80,6 @@ def _latency(device: str) -> int | None:
         return int((_TTY / Path(device).resolve().name / "latency_timer").read_text())
     except (OSError, ValueError):
         return None
-
-
-def _group(device: str) -> str:
-    try:
-        import grp
-
-        return grp.getgrgid(os.stat(device).st_gid).gr_name
-    except (ImportError, KeyError, OSError):
-        return "dialout"
 
 
 def _is_bare(device: str) -> bool:

@@ -62,13 +62,22 @@ class NewDrive:
 
     def check(self, new: Place) -> None:
         """Refuse a place that it cannot have. Raises `NotSupported`."""
+        self.check_address(new.address)
+        self.check_baudrate(new.baudrate)
+
+    def check_address(self, address: int) -> None:
+        """Refuse an address that it cannot have. Raises `NotSupported`."""
         family = families()[self.family]
         low, high = family.addresses
-        if not low <= new.address <= high:
-            raise NotSupported(f"{family.title} drives have addresses {low}..{high}, not {new.address}.")
-        if new.baudrate not in family.baudrates:
+        if not low <= address <= high:
+            raise NotSupported(f"{family.title} drives have addresses {low}..{high}, not {address}.")
+
+    def check_baudrate(self, baudrate: int) -> None:
+        """Refuse a baud rate that it cannot have. Raises `NotSupported`."""
+        family = families()[self.family]
+        if baudrate not in family.baudrates:
             raise NotSupported(
-                f"{family.title} drives have {', '.join(map(str, family.baudrates))} bit/s, not {new.baudrate}."
+                f"{family.title} drives have {', '.join(map(str, family.baudrates))} bit/s, not {baudrate}."
             )
 
     async def set_address(self, new: int, power_cycle: PowerCycle) -> Provisioned:

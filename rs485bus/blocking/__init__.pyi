@@ -992,6 +992,9 @@ class MksSetup(Axis):
     def acknowledged(self) -> MksProfile:
         """The settings that the drive has acknowledged to this facade. They cannot be read back."""
         ...
+    def check_profile(self, profile: MksProfile) -> None:
+        """Refuse a profile of which a value is out of its range. Raises `LimitExceeded`."""
+        ...
     def set_close_gains(self, gains: Gains) -> Handle[None]:
         """The gains in the CLOSE modes, each 0..1024 (3.3.2). The motor must stand."""
         ...

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 _EXTRAS = {
@@ -21,6 +22,7 @@ _EXTRAS = {
 
 def main() -> None:
     """Run the command, or say what it needs."""
+    _open_closed_streams()
     try:
         from rs485bus.cli.app import main as run
 
@@ -42,3 +44,10 @@ def what_to_install(missing: ModuleNotFoundError) -> str | None:
         f"The command rs485bus needs the package {package} for this, which is not installed. Install it with:\n"
         f'    pip install "rs485bus[{_EXTRAS[package]}]"'
     )
+
+
+def _open_closed_streams() -> None:
+    """Take nobody for who reads and types, where a process was started without its standard streams."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - it is open as long as the process

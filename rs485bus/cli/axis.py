@@ -123,9 +123,9 @@ async def run_order(where: Where, name: str, order: Order, as_json: bool) -> int
     out = Console(stderr=True, highlight=False) if as_json else console()
     try:
         result = await _carry_out(where, name, order, out)
-    except asyncio.CancelledError:
+    except asyncio.CancelledError as cancelled:
         if as_json:
-            print(json.dumps({"axis": name, "verb": order.verb, "done": False, "error": "Interrupted"}))
+            tell_interruption({"axis": name, "verb": order.verb}, cancelled)
         raise
     except Exception as error:
         if as_json:
@@ -245,6 +245,12 @@ def tell_failure(what: dict[str, Any], error: Exception) -> int:
     told = {"error": type(error).__name__, "message": message, "exit_code": exit_code(error)}
     print(json.dumps({**what, "done": False, **told}))
     return tell(error)
+
+
+def tell_interruption(what: dict[str, Any], cancelled: asyncio.CancelledError) -> None:
+    """Tell programs that a command was interrupted, and where the axes stand."""
+    message = " ".join(getattr(cancelled, "__notes__", []))
+    print(json.dumps({**what, "done": False, "error": "Interrupted", "message": message}))
 
 
 async def stop_all(where: Where, as_json: bool) -> int:

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from rs485bus.bus.capture_lines import Exchange, Stray
 from rs485bus.capture.reading import Capture, load, name_drives
+from rs485bus.cli.outputs import check_output
 from rs485bus.cli.telling import Teller, as_json, print_json, summary_json
 
 
@@ -82,7 +83,7 @@ def pcap(capture: Capture, out: Path, console: Console) -> int:
     """Write a capture for Wireshark. Returns the exit code."""
     from rs485bus.capture.pcap import write_pcap
 
-    _check_folder(out)
+    check_output(out)
     count = write_pcap(capture, out)
     console.print(
         f"{out}: {count} packets. Wireshark shows them as Modbus RTU; with -o mbrtu.tcp.port:502 it also tells "
@@ -98,15 +99,10 @@ def plot(capture: Capture, out: Path, console: Console, *, begin: float | None, 
     from rs485bus.capture.figures import check_format, save, timeline
 
     check_format(out)
-    _check_folder(out)
+    check_output(out)
     save(timeline(capture, begin=begin, end=end, title=""), out, capture)
     low, high = capture.span
     console.print(
         f"{out}: {len(capture.exchanges)} exchanges from {low:.3f} to {high:.3f} s.", markup=False, soft_wrap=True
     )
     return 0
-
-
-def _check_folder(path: Path) -> None:
-    if not path.parent.is_dir():
-        raise ValueError(f"There is no folder {path.parent} to write {path.name} to.")

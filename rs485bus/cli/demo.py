@@ -58,7 +58,7 @@ async def run_demo(where: Where, console: Console) -> int:
         buses: Mapping[str, Bus] = {}
         real = not there.sim and there is where
         try:
-            async with open_plant(there, watchdogs=False) as plant:
+            async with open_plant(there, watchdogs=False, tells=False) as plant:
                 buses = plant.buses
                 if real:
                     await _warn(plant, where, console)

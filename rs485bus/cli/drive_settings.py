@@ -11,6 +11,7 @@ from typing import Any
 import tomlkit
 
 from rs485bus.bench.drive_settings import MksSettings, Values, differences, settings_of
+from rs485bus.cli.outputs import check_new
 from rs485bus.cli.process import DONE, FAILED, WrongUse, agrees, console
 from rs485bus.cli.session import Where, axis_named, open_plant
 from rs485bus.errors import NotSupported
@@ -38,7 +39,7 @@ async def write_one(where: Where, name: str, setting: str, text: str, yes: bool)
     value = parse_value(text)
     async with open_plant(where, watchdogs=False) as plant:
         settings = settings_of(plant.drive(axis_named(plant.file, name)))
-        settings.check([setting])
+        settings.check_values({setting: value})
         before = (await settings.read([setting]))[setting] if settings.readable else None
         if before == value:
             console().print(f"{setting} is {_shown(value)} already.")
@@ -59,6 +60,7 @@ async def write_one(where: Where, name: str, setting: str, text: str, yes: bool)
 
 async def save(where: Where, name: str, path: Path) -> int:
     """Write what a drive is set to into a file."""
+    check_new(path)
     async with open_plant(where, watchdogs=False) as plant:
         axis = axis_named(plant.file, name)
         settings, family = settings_of(plant.drive(axis)), plant.file.axes[axis].family
@@ -109,7 +111,7 @@ async def load(where: Where, name: str, path: Path, yes: bool) -> int:
         axis = axis_named(plant.file, name)
         _check_family(family, plant.file.axes[axis].family, path)
         settings = settings_of(plant.drive(axis))
-        settings.check(wanted)
+        settings.check_values(wanted)
         found = await settings.read(wanted) if settings.readable else {}
         different = differences(wanted, found)
         if not different:
@@ -163,8 +165,6 @@ def _note_acknowledged(path: Path, name: str, values: Values) -> None:
 
 
 def _save_text(path: Path, text: str) -> None:
-    if path.exists():
-        raise NotSupported(f"{path} is there already: name another file.")
     path.write_text(text, encoding="utf-8")
 
 

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from rs485bus.bench.ports import serial_ports
 from rs485bus.bench.scan import ADDRESSES, RATES, Format, Found, PortOf, Progress, Scan
+from rs485bus.cli.outputs import check_output
 from rs485bus.cli.process import DONE, FAILED, WrongUse, console
 from rs485bus.cli.virtual import VIRTUAL, virtual_drives
 from rs485bus.sim import VirtualLine
@@ -52,9 +53,10 @@ def show_ports(as_json: bool) -> None:
 
 
 def check_target(write: Path | None, force: bool) -> None:
-    """Refuse to replace a plant file unasked. Raises `WrongUse`."""
-    if write is not None and write.exists() and not force:
+    """Refuse to replace a plant file unasked, or one that cannot be written. Raises `WrongUse`."""
+    if write is not None and write.is_file() and not force:
         raise WrongUse(f"{write} is there already: name another file, or replace it with --force.")
+    check_output(write)
 
 
 async def run_scan(
@@ -97,17 +99,20 @@ def parse_addresses(text: str) -> list[int]:
     """Read "1-20,32".
 
     Raises:
-        ValueError: it cannot be read, or an address is outside 1..247.
+        WrongUse: it cannot be read, or an address is outside 1..247.
     """
     found: set[int] = set()
     for part in text.split(","):
         low, dash, high = part.strip().partition("-")
         try:
-            found |= set(range(int(low), int(high if dash else low) + 1))
+            first, last = int(low), int(high if dash else low)
         except ValueError:
             raise WrongUse(f"addresses {text!r} cannot be read; write them like 1-20,32") from None
-    if not found or not found <= set(ADDRESSES):
-        raise WrongUse(f"addresses {text!r} are outside 1..247")
+        if first not in ADDRESSES or last not in ADDRESSES:
+            raise WrongUse(f"addresses {text!r} are outside 1..247")
+        if first > last:
+            raise WrongUse(f"addresses {part.strip()!r} are the wrong way round: {last}-{first}")
+        found |= set(range(first, last + 1))
     return sorted(found)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rs485bus.cli.axis import enabled, home, tell_failure
+from rs485bus.cli.axis import enabled, home, tell_failure, tell_interruption
 from rs485bus.cli.process import DONE, WrongUse, console
 from rs485bus.cli.session import Where, open_plant
 from rs485bus.plant import Plant, PlantFile
@@ -49,6 +49,10 @@ async def run_group(where: Where, name: str, order: GroupOrder, as_json: bool) -
     axes = order.check(name, where.file())
     try:
         result = await _carry_out(where, name, axes, order)
+    except asyncio.CancelledError as cancelled:
+        if as_json:
+            tell_interruption({"group": name, "verb": order.verb}, cancelled)
+        raise
     except Exception as error:
         if as_json:
             return tell_failure({"group": name, "verb": order.verb}, error)

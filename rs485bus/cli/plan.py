@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from rs485bus.cli.outputs import check_output
 from rs485bus.cli.process import DONE, FAILED
 from rs485bus.cli.telling import print_json
 from rs485bus.planning.checking import check
@@ -21,6 +22,7 @@ def run_plan(path: Path, turnaround: float, picture: Path | None, compare: bool,
         from rs485bus.capture.figures import check_format, save
 
         check_format(picture)
+        check_output(picture)
     file = PlantFile.load(path)
     pairs = plan(file, turnaround=turnaround)
     told: list[dict[str, Any]] = []

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import errno
 import os
 import signal
 import sys
@@ -20,9 +22,7 @@ from rs485bus.cli import what_to_install
 from rs485bus.cli.settings import settings
 from rs485bus.errors import (
     BusError,
-    LimitExceeded,
     OutcomeUnknown,
-    PlantFileError,
     PortError,
     StopUnconfirmed,
 )
@@ -34,7 +34,9 @@ class WrongUse(ValueError):
 
 DONE, FAILED, WRONG_INPUT, UNKNOWN, NO_PORT, INTERRUPTED = 0, 1, 2, 3, 4, 130
 _PIPE_WIDTH = 500
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGBREAK")
+_SUSPENDS = "SIGTSTP"
+_CANNOT_WRITE = (errno.ENOSPC, errno.EIO, errno.EBADF)
 
 
 class Output(Console):
@@ -49,7 +51,7 @@ class Output(Console):
 
 def nobody_reads() -> None:
     """Write to nowhere from now on."""
-    with open(os.devnull, "w") as nowhere:
+    with open(os.devnull, "w") as nowhere, contextlib.suppress(OSError, ValueError):  # it is a file of its own, mostly
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
@@ -60,40 +62,59 @@ def console() -> Output:
 
 @contextmanager
 def _asking() -> Iterator[None]:
-    """Have Ctrl-C end a question, as it does outside of `run`."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Have any signal end a question at once: while one is asked, the event loop does not run."""
+
+    def give_up() -> None:
+        raise typer.Abort
+
+    in_main = threading.current_thread() is threading.main_thread()
     try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, former)
+        with _signals(give_up, suspends=True) if in_main else contextlib.nullcontext():
+            yield
+    except typer.Abort as abort:
+        with contextlib.suppress(OSError):  # the terminal may have gone
+            print()
+        if isinstance(abort.__context__, EOFError):
+            raise WrongUse("Nobody is there to answer: run it in a terminal, or with --yes.") from None
+        raise
 
 
 def agrees(question: str) -> bool:
-    """Ask for a yes. Nothing may move meanwhile: the event loop waits."""
+    """Ask for a yes. Nothing may move meanwhile: the event loop waits.
+
+    Raises:
+        typer.Abort: a signal came instead of an answer.
+        WrongUse: nobody can answer.
+    """
     with _asking():
         return typer.confirm(question)
 
 
-def ask_number(question: str, usual: int) -> int:
-    """Ask for a number. Nothing may move meanwhile: the event loop waits."""
-    with _asking():
-        return int(typer.prompt(question, default=usual, type=int))
+def ask_number(question: str, usual: int, check: Callable[[int], None] = lambda number: None) -> int:
+    """Ask for a number, again until `check` raises nothing. Waits and raises as `agrees`."""
+    while True:
+        with _asking():
+            number = int(typer.prompt(question, default=usual, type=int))
+        try:
+            check(number)
+        except BusError as error:
+            print(error)
+        else:
+            return number
 
 
-def start(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> NoReturn:
-    """Run a coroutine, and end the command with the exit code that it returns."""
-    raise typer.Exit(run(make, virtual=virtual))
+def start(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False, suspends: bool = False) -> NoReturn:
+    """Run a coroutine as `run` does, and end the command with the exit code that it returns."""
+    raise typer.Exit(run(make, virtual=virtual, suspends=suspends))
 
 
-def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) -> int:
+def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False, suspends: bool = False) -> int:
     """Run a coroutine, perhaps in virtual time; say what went wrong in words.
 
     To be terminated, to lose the terminal and to be interrupted once or often are the same: the coroutine is cancelled,
-    and the motors are stopped before the command ends. A signal that the command was started to ignore stays ignored;
-    a shell has its background jobs ignore Ctrl-C.
+    and the motors are stopped before the command ends. So is Ctrl-Z, unless it `suspends`, which a command may that
+    moves nothing: a suspended one feeds no watchdog and sees no limit. A signal that the command was started to ignore
+    stays ignored; a shell has its background jobs ignore Ctrl-C.
 
     Returns:
         The exit code.
@@ -123,7 +144,7 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) 
 
         factory = VirtualClockLoop
     try:
-        with _signals(cancel), asyncio.Runner(loop_factory=factory) as runner:
+        with _signals(cancel, suspends), asyncio.Runner(loop_factory=factory) as runner:
             loop = runner.get_loop()
             return runner.run(main())
     except asyncio.CancelledError:
@@ -142,13 +163,14 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False) 
 
 
 @contextmanager
-def _signals(cancel: Callable[[], None]) -> Iterator[None]:
-    """Have what ends a process call `cancel` instead."""
+def _signals(act: Callable[[], None], suspends: bool) -> Iterator[None]:
+    """Have what ends a process call `act` instead."""
 
     def handle(number: int, frame: FrameType | None) -> None:
-        cancel()
+        act()
 
-    handled = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
+    names = _SIGNALS if suspends else (*_SIGNALS, _SUSPENDS)
+    handled = [getattr(signal, name) for name in names if hasattr(signal, name)]
     former = {number: signal.getsignal(number) for number in handled}
     for number, handler in former.items():
         if handler is not signal.SIG_IGN:
@@ -167,22 +189,28 @@ def tell(error: Exception) -> int:
     if len(told) < len(causes):
         nobody_reads()
     errors = Console(stderr=True, highlight=False, width=None if sys.stderr.isatty() else _PIPE_WIDTH)
-    for text in dict.fromkeys(_words(cause) for cause in told):
-        errors.print(text)
-    for note in dict.fromkeys(note for cause in told for note in getattr(cause, "__notes__", ())):
-        errors.print(escape(note))
+    with contextlib.suppress(OSError):  # whether anybody reads it or not, the exit code tells
+        for text in dict.fromkeys(_words(cause) for cause in told):
+            errors.print(text)
+        for note in dict.fromkeys(note for cause in told for note in getattr(cause, "__notes__", ())):
+            errors.print(escape(note))
     return exit_code(error)
 
 
 def _words(error: Exception) -> str:
-    name = "Error" if isinstance(error, WrongUse) else type(error).__name__
     if isinstance(error, ModuleNotFoundError) and (needed := what_to_install(error)):
         return escape(needed)
-    if isinstance(error, BusError | ValueError | OSError):
-        return f"[red]{name}:[/red] {escape(str(error))}"
+    if isinstance(error, BusError):
+        return f"[red]{type(error).__name__}:[/red] {escape(str(error))}"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"[red]Error:[/red] {escape(str(error.filename))}: {escape(error.strerror or str(error))}"
+    if isinstance(error, OSError) and error.errno in _CANNOT_WRITE:
+        return f"[red]Error:[/red] the output cannot be written: {escape(error.strerror or str(error))}"
+    if isinstance(error, ValueError | OSError):
+        return f"[red]Error:[/red] {escape(str(error))}"
     return (
-        f"[red]{name}:[/red] {escape(str(error))}\nThis is a mistake in rs485bus. The same command with --debug shows "
-        "where; please report that."
+        f"[red]{type(error).__name__}:[/red] {escape(str(error))}\nThis is a mistake in rs485bus. The same command "
+        "with --debug shows where; please report that."
     )
 
 
@@ -201,12 +229,12 @@ def _tells_of_no_stand(notes: Iterable[str]) -> bool:
 
 def _exit_code(error: Exception) -> int:
     match error:
-        case PlantFileError() | LimitExceeded() | WrongUse():
-            return WRONG_INPUT
         case OutcomeUnknown() | StopUnconfirmed():
             return UNKNOWN
         case PortError():
             return NO_PORT
+        case ValueError():
+            return WRONG_INPUT
         case _:
             return FAILED
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, nullcontext
@@ -50,6 +51,8 @@ class Where:
             WrongUse: the options do not say which plant.
         """
         named = {family: found for family, found in (self.drives or {}).items() if found}
+        if self.port == "":
+            raise WrongUse("--port is empty: is a variable of the shell unset? rs485bus ports lists the ports.")
         if self.plant is not None and (named or self.port is not None):
             raise WrongUse("--plant names the port and the drives already: give either --plant, or --port and drives.")
         if self.plant is not None or (not named and self.port is None and not self.sim and USUAL_FILE.exists()):
@@ -102,8 +105,13 @@ class Where:
 
 
 @asynccontextmanager
-async def open_plant(where: Where, *, watchdogs: bool = True) -> AsyncIterator[Plant]:
+async def open_plant(where: Where, *, watchdogs: bool = True, tells: bool = True) -> AsyncIterator[Plant]:
     """Open it. What fails because of a wrong address, rate or family says so.
+
+    Args:
+        where: which plant.
+        watchdogs: guard its axes.
+        tells: an interruption carries a note of where the axes were seen to stand.
 
     Raises:
         PlantFileError, WrongUse: as `Where.file`.
@@ -112,13 +120,18 @@ async def open_plant(where: Where, *, watchdogs: bool = True) -> AsyncIterator[P
     plant = Plant(where.file(), sim=where.sim, watchdogs=False)
     if settings.frames:
         plant.watch(lambda bus, record: _log.debug("%s: %s", bus, record))
-    async with plant:
-        try:
-            async with plant.guard() if watchdogs else nullcontext():
-                yield plant
-        except Exception as error:
-            await _add_advice(plant, error)
-            raise
+    try:
+        async with plant:
+            try:
+                async with plant.guard() if watchdogs else nullcontext():
+                    yield plant
+            except Exception as error:
+                await _add_advice(plant, error)
+                raise
+    except asyncio.CancelledError as cancelled:
+        if tells:
+            cancelled.add_note(_interrupted(plant))
+        raise
 
 
 @asynccontextmanager
@@ -146,6 +159,16 @@ def axis_named(file: PlantFile, name: str) -> str:
     if name in file.axes:
         return name
     raise WrongUse(f"There is no axis {name!r}{instead(name, file.axes)}")
+
+
+def _interrupted(plant: Plant) -> str:
+    """Where the axes of a plant stand that was interrupted and closed. Those that were not seen to are not named."""
+    stand = [
+        f"{name} stands at {axis.sample.position:.6g} {plant.file.axes[name].unit}"
+        for name, axis in plant.axes.items()
+        if axis.sample.moving is False and axis.sample.position is not None
+    ]
+    return f"Interrupted. {', '.join(stand)}." if stand else "Interrupted."
 
 
 async def _add_advice(plant: Plant, error: Exception) -> None:

@@ -105,10 +105,10 @@ class SetUp:
     def _wanted(self, drive: NewDrive) -> Place:
         address, baudrate = self.new_address, self.new_baudrate
         if not self.yes and address is None:
-            address = ask_number("Which address is it to have", drive.address)
+            address = ask_number("Which address is it to have", drive.address, drive.check_address)
         if not self.yes and baudrate is None:
             usual = max(rate for rate in families()[drive.family].baudrates if rate <= 115200)
-            baudrate = ask_number("Which baud rate", usual)
+            baudrate = ask_number("Which baud rate", usual, drive.check_baudrate)
         return Place(address or drive.address, baudrate or drive.baudrate)
 
     async def _change(self, drive: NewDrive, new: Place) -> bool:

@@ -156,7 +156,7 @@ class VirtualPair:
         self._open = AsyncExitStack()
 
     async def open(self, sink: Sink) -> None:
-        plant = await self._open.enter_async_context(open_plant(self._where))
+        plant = await self._open.enter_async_context(open_plant(self._where, tells=False))
         (line,) = plant.lines.values()
         assert isinstance(line, VirtualLine)
         self._open.callback(line.listen(lambda data, _: sink.received(data)))

@@ -10,6 +10,7 @@ from rich.console import Console
 from rs485bus.bench.plant_drive import write_found
 from rs485bus.bench.scan import PortOf
 from rs485bus.bench.tune import MARGIN, Tuned, Tuning
+from rs485bus.cli.outputs import check_output
 from rs485bus.cli.process import DONE, WrongUse, agrees, console
 from rs485bus.cli.session import Where
 from rs485bus.cli.virtual import BAUDRATE
@@ -26,6 +27,7 @@ async def run_tune(where: Where, bus: str | None, rates: bool, write: bool, yes:
     file = where.file()
     if bus is not None and bus not in file.buses:
         raise WrongUse(f"There is no bus {bus!r}. There is: {', '.join(file.buses)}.")
+    check_output(file.path if write else None)
     for name in file.buses if bus is None else [bus]:
         await _tune(file, name, where.sim, rates, write, yes, out)
     return DONE

@@ -16,6 +16,7 @@ from rs485bus.bench.plant_drive import PlantDrive, drives_of, write_found
 from rs485bus.bench.scan import Format, recognise
 from rs485bus.bench.verify import questions_of
 from rs485bus.bench.verify.question import Question, Result, ask_all
+from rs485bus.cli.outputs import check_output
 from rs485bus.cli.process import DONE, FAILED, WrongUse, agrees, console
 from rs485bus.cli.session import Where, axis_named
 from rs485bus.cli.virtual import BAUDRATE
@@ -31,6 +32,8 @@ async def run_verify(
     file = where.file()
     for name in names:
         axis_named(file, name)
+    for path in (report, file.path if write else None):
+        check_output(path)
     lines = virtual_lines(file) if where.sim else {}
     told: list[dict[str, Any]] = []
     sound = True

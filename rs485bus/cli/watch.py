@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rs485bus.bus.recording import KEEP, MAX_BYTES, Recording
+from rs485bus.cli.outputs import check_output
 from rs485bus.cli.process import DONE, FAILED, WrongUse, console
 from rs485bus.cli.session import Where, open_plant
 from rs485bus.errors import BusError
@@ -20,12 +21,10 @@ from rs485bus.monitor.thread import BusThread, Watching
 from rs485bus.monitor.watcher import Watcher
 from rs485bus.plant import Plant
 
-_TOLD = 1.0
-"""Seconds between two lines of progress."""
-
 
 def run_monitor(where: Where, record: Path | None) -> int:
     """Show a plant live, until q. Returns the exit code."""
+    check_output(record)
     return show(lambda: _watched(where, record), lambda: where.file().name)
 
 
@@ -43,13 +42,18 @@ def show(opening: Callable[[], AbstractAsyncContextManager[Watching]], title: Ca
 
 async def run_record(where: Where, out: Path, *, every: float, seconds: float | None, max_bytes: int, keep: int) -> int:
     """Ask the axes of a plant again and again, and keep what happens in a capture. Returns the exit code."""
+    check_output(out)
     recordings: list[Recording] = []
-    async with open_plant(where, watchdogs=False) as plant, AsyncExitStack() as stack:
-        recordings += record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
-        watcher = Watcher.of(plant, every)
-        watcher.start()
-        stack.push_async_callback(watcher.aclose)
-        await tell_and_wait(recordings, seconds)
+    try:
+        async with open_plant(where, watchdogs=False, tells=False) as plant, AsyncExitStack() as stack:
+            recordings += record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
+            watcher = Watcher.of(plant, every)
+            watcher.start()
+            stack.push_async_callback(watcher.aclose)
+            await tell_and_wait(recordings, seconds)
+    except asyncio.CancelledError:
+        tell_end(recordings)
+        raise
     return tell_end(recordings)
 
 
@@ -84,9 +88,8 @@ def record_to(
 
 
 def paths(out: Path, buses: Collection[str]) -> dict[str, Path]:
-    """Where each bus is recorded to, by its name. Raises `ValueError` where there is no such folder."""
-    if not out.parent.is_dir():
-        raise ValueError(f"There is no folder {out.parent} to write {out.name} to.")
+    """Where each bus is recorded to, by its name. Raises `WrongUse` where that cannot be written."""
+    check_output(out)
     several = len(buses) > 1
     return {name: out.with_name(f"{out.stem}.{name}{out.suffix}") if several else out for name in buses}
 

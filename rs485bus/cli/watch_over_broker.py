@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
 from rs485bus.bus.capture_lines import Drive, Dropped, Header
 from rs485bus.bus.recording import KEEP, MAX_BYTES, Recording
+from rs485bus.cli.outputs import check_output
 from rs485bus.cli.over_broker import Served
 from rs485bus.cli.watch import paths, show, tell_and_wait, tell_end
 from rs485bus.monitor.served import ServedWatcher, exchanges
@@ -33,12 +35,18 @@ async def run_record(
     served: Served, out: Path, *, every: float, seconds: float | None, max_bytes: int, keep: int
 ) -> int:
     """Have the axes of a served plant asked again and again, and keep what happens. Returns the exit code."""
-    async with served.connect() as plant, AsyncExitStack() as stack:
-        recordings = _record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
-        watcher = ServedWatcher(plant, every)
-        watcher.start()
-        stack.push_async_callback(watcher.aclose)
-        await tell_and_wait(recordings, seconds)
+    check_output(out)
+    recordings: list[Recording] = []
+    try:
+        async with served.connect() as plant, AsyncExitStack() as stack:
+            recordings += _record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
+            watcher = ServedWatcher(plant, every)
+            watcher.start()
+            stack.push_async_callback(watcher.aclose)
+            await tell_and_wait(recordings, seconds)
+    except asyncio.CancelledError:
+        tell_end(recordings)
+        raise
     return tell_end(recordings)
 
 

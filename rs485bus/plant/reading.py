@@ -65,13 +65,23 @@ def read_file(path: Path) -> str:
         PlantFileError: it cannot be read.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        content = path.read_bytes()
     except FileNotFoundError:
         raise PlantFileError(
             f"There is no plant file {path}. rs485bus scan PORT --write {path} makes one of the drives that it finds."
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PlantFileError(f"The plant file {path} cannot be read: {error}") from None
+    except IsADirectoryError:
+        raise PlantFileError(f"{path} is a folder: name a plant file in it.") from None
+    except OSError as error:
+        raise PlantFileError(f"The plant file {path} cannot be read: {error.strerror}.") from None
+    try:
+        text = content.decode("utf-8-sig")  # editors on Windows begin with a mark
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        if b"\0" not in content:
+            raise PlantFileError(f"{path}, line {line}: this is no UTF-8: save the file as UTF-8.") from None
+        raise PlantFileError(f"{path} is no text in UTF-8. If an editor has written it, save it as UTF-8.") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_text(text: str, path: Path) -> dict[str, Any]:
@@ -84,8 +94,9 @@ def read_text(text: str, path: Path) -> dict[str, Any]:
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
+        said = str(error).replace("Cannot overwrite a value", "This key was given already")
         raise PlantFileError(
-            f"{path} is no TOML: {error}. Texts stand in quotes; a table begins with [axes.x]."
+            f"{path} is no TOML: {said}. Texts stand in quotes; a table begins with [axes.x]."
         ) from None
     return _Reader(content, problems).plant(path.stem)
 
@@ -144,7 +155,8 @@ class _Reader:
         rest = {key: value for key, value in table.items() if key not in own}
         model = options_of(BusConfig)
         entry = validated(BusEntry, own, at, self._problems)
-        options = validated(model, rest, at, self._problems, [*BusEntry.model_fields])
+        known = [key for key in BusEntry.model_fields if key != "config"]
+        options = validated(model, rest, at, self._problems, known)
         if not isinstance(entry, BusEntry) or options is None:
             return None
         try:
@@ -201,8 +213,8 @@ class _Reader:
             )
         sides = " or ".join(f'side = "{side}"' for side in family.sides)
         if family.sides and entry.side not in family.sides:
-            given = "is missing" if entry.side is None else f'"{entry.side}" is none'
-            self._problems.add([*at, "side"], f"it {given}: an axis of {family.title} is one of its two; say {sides}")
+            given = "it is missing" if entry.side is None else f'"{entry.side}" is no side'
+            self._problems.add([*at, "side"], f"{given}: an axis of {family.title} is one of its two; say {sides}")
         if entry.side is not None and not family.sides:
             self._problems.add([*at, "side"], f"{family.title} has one axis at each address; take this line out")
         if entry.watchdog is not None:

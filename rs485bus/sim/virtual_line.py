@@ -211,8 +211,8 @@ class VirtualPort:
             os.close(self._master)
             os.close(self._slave)
             self._master = -1
-            if self._link is not None:
-                self._link.unlink(missing_ok=True)
+            if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self.path:
+                self._link.unlink()  # nobody else's: another simulation may have made it anew
 
     async def __aenter__(self) -> VirtualPort:
         return self

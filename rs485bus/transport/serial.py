@@ -21,6 +21,7 @@ from rs485bus.transport.adapter import Adapter, adapter_at, find_again, plugged_
 from rs485bus.transport.alarm import Alarm, make_alarm
 from rs485bus.transport.holders import holders, others
 from rs485bus.transport.interface import Sink, SinkProtocol
+from rs485bus.transport.permission import how_to_be_allowed
 from rs485bus.transport.worker import in_thread
 from rs485bus.wire.timing import LineSettings
 
@@ -310,8 +311,8 @@ def explained(name: str, line: LineSettings, error: Exception) -> PortError:
     """The same error, with what a person can do about it."""
     number = getattr(error, "errno", None)
     text = str(error)
+    there = ", ".join(port.device for port in plugged_in()) or "none"
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFoundError" in text:
-        there = ", ".join(port.device for port in plugged_in()) or "none"
         return PortNotFound(f"There is no port {name}. Ports of this machine: {there}.")
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
         held = ", ".join(f"{program} (process {number})" for number, program in sorted(holders(name).items()))
@@ -321,8 +322,9 @@ def explained(name: str, line: LineSettings, error: Exception) -> PortError:
     if number in (errno.EACCES, errno.EPERM) or "PermissionError" in text:
         if sys.platform == "win32":
             return PortBusy(f"{name} is in use by another program, or may not be opened. Close the other program.")
-        return PortPermissionDenied(
-            f"You may not open {name}. Join the group that owns it, then log in again: sudo usermod -aG dialout $USER"
-        )
+        how = how_to_be_allowed(name)
+        return PortPermissionDenied(f"You may not open {name}. {how[0].upper()}{how[1:]}")
+    if number in (errno.EISDIR, errno.ENOTTY) or "Inappropriate ioctl" in text:
+        return PortError(f"{name} could not be opened as a serial port, as it is none. Ports of this machine: {there}.")
     setting = f"{line.baudrate} bit/s, 8{line.parity}{line.stopbits}"
     return PortError(f"{name} could not be opened as a serial port at {setting}: {text}")

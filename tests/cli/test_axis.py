@@ -154,7 +154,7 @@ def test_the_errors_of_a_beginner_say_what_to_do_in_real_time(
         (("axis", "x", "home"), 2, "Say which drives: --plant"),
         (("axis", "x", "home", "--plant", "nope.toml"), 2, "There is no plant file nope.toml"),
         (("axis", "mks1", "home", "--port", "/dev/ttyNOPE", "-b", "9600", "--mks", "1"), 4, "There is no port"),
-        (("axis", "mks1", "home", "--port", "/dev/ttyNOPE", "--mks", "1"), 1, "Say the baud rate"),
+        (("axis", "mks1", "home", "--port", "/dev/ttyNOPE", "--mks", "1"), 2, "Say the baud rate"),
         (("estop",), 2, "Say which drives"),
         (("jog", "mks1", "--sim"), 2, "run it in one"),
         (("axis", "mks1", "move-to", "--sim"), 2, "needs a number"),

@@ -92,7 +92,7 @@ def test_plot_and_pcap_write_their_files(capture: str, tmp_path: Path) -> None:
 )
 def test_wrong_input_is_told_in_words(capture: str, arguments: tuple[str, ...], said: str) -> None:
     code, _, error = call(*(capture if each == "CAPTURE" else each for each in arguments))
-    assert code == 1
+    assert code == 2
     assert said in error
 
 

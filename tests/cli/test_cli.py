@@ -172,7 +172,7 @@ def test_sim_replaces_no_file_by_its_link(tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
     mine.write_text("x = 1")
     result = call("sim", "--link", str(mine))
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert "no symbolic link" in " ".join(result.stderr.split())
     assert mine.read_text() == "x = 1"
 

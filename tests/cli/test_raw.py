@@ -132,7 +132,7 @@ def test_what_is_no_value_of_the_type_is_refused(text: str) -> None:
         (("write", "3", "0x30", "-5", "--type", "i16", "--sim"), 0, "Written to unit 3"),
         (("write", "4", "0x2008", "-5", "--sim"), 2, "'-5' is no u16"),
         (("read", "4", "0x2001"), 2, "Say which drives"),
-        (("read", "4", "0x2001", "--port", "/dev/ttyNOPE"), 1, "Say the baud rate"),
+        (("read", "4", "0x2001", "--port", "/dev/ttyNOPE"), 2, "Say the baud rate"),
     ],
 )
 def test_as_a_user_calls_them(

@@ -45,9 +45,9 @@ def test_a_plant_file_that_is_there_is_not_replaced_unasked(tmp_path: Path) -> N
     [
         (("scan",), 2, "Say which port"),
         (("scan", "/dev/ttyNOPE"), 4, "There is no port /dev/ttyNOPE"),
-        (("scan", "192.168.1.5"), 1, "socket://192.168.1.5:4196"),
+        (("scan", "192.168.1.5"), 2, "socket://192.168.1.5:4196"),
         (("scan", "--sim", "--addresses", "0-5"), 2, "outside 1..247"),
-        (("scan", "--sim", "--format", "7E1"), 1, "none of 8N1, 8E1, 8O1, 8N2"),
+        (("scan", "--sim", "--format", "7E1"), 2, "none of 8N1, 8E1, 8O1, 8N2"),
         (("scan", "--sim", "-b", "9600", "--addresses", "1-2"), 1, "A and B, which may be swapped"),
     ],
 )

@@ -49,4 +49,4 @@ def scan(
 
     check_target(write, force)
     virtual = sim and port is None
-    start(lambda: run_scan(port, baudrate, form, addresses, expect, write, json, sim), virtual=virtual)
+    start(lambda: run_scan(port, baudrate, form, addresses, expect, write, json, sim), virtual=virtual, suspends=True)

@@ -33,4 +33,4 @@ def sim(
         mks = mks or _USUAL
     drives = {"MKS": mks or [], "ZLAC": zlac or [], "TL-R": tlr or []}
     check_once([address for addresses in drives.values() for address in addresses])
-    start(lambda: serve(baudrate, drives, link, console(), tap))
+    start(lambda: serve(baudrate, drives, link, console(), tap), suspends=True)

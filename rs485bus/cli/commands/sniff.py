@@ -40,10 +40,12 @@ def sniff(
 ) -> None:
     """Listen to a pair that another master owns: frames in words, drives recognised, errors marked."""
     from rs485bus.cli import sniff as work
+    from rs485bus.cli.outputs import check_output
     from rs485bus.cli.process import console, start
 
     if (port is None) != sim:
         raise typer.BadParameter("name a port to listen on, or --sim to listen to virtual drives: one of the two")
+    check_output(record)
     known = {address: family for family, addresses in families(mks, zlac, tlr) for address in addresses}
     start(
         lambda: work.sniff(
@@ -61,5 +63,6 @@ def sniff(
             quiet=quiet,
             json=json,
             drives=known,
-        )
+        ),
+        suspends=True,
     )

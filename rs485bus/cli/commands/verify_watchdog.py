@@ -18,9 +18,6 @@ def verify_watchdog(
 ) -> None:
     """Find out on the bench what feeds a drive's watchdog, and whether a trip latches. It turns the motor."""
     from rs485bus.cli.process import console, start
-    from rs485bus.cli.verify import question, verify
+    from rs485bus.cli.verify import verify
 
-    if not yes and not typer.confirm(question(port, mks, timeout)):
-        console().print("Nothing was moved.")
-        raise typer.Exit(1)
-    start(lambda: verify(port, baudrate, mks, timeout, console()), virtual=port is None)
+    start(lambda: verify(port, baudrate, mks, timeout, yes, console()), virtual=port is None)

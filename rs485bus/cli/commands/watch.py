@@ -86,4 +86,4 @@ def record(
             lambda: watch_over_broker.run_record(served, out, every=every, seconds=seconds, max_bytes=size, keep=keep)
         )
     there = where(plant, port, baudrate, mks, tlr, zlac, sim)
-    start(lambda: run_record(there, out, every=every, seconds=seconds, max_bytes=size, keep=keep))
+    start(lambda: run_record(there, out, every=every, seconds=seconds, max_bytes=size, keep=keep), suspends=True)

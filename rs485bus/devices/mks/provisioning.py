@@ -21,7 +21,7 @@ from rs485bus.bus.opening import Opening, open_bus
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import native, read, write
 from rs485bus.devices.mks.values import BaudRate, Status
-from rs485bus.errors import AddressInUse, NoReply, NotStanding
+from rs485bus.errors import AddressInUse, DeviceRefused, NoReply, NotStanding
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.frames import Request, payload
 from rs485bus.wire.registers import Repeat
@@ -171,10 +171,13 @@ async def _find(port: Port, *places: Place) -> Place | None:
 
 
 async def _answers(bus: Bus, address: int) -> bool:
+    """Whether somebody is there. A refusal is an answer, too: of a drive of another family."""
     try:
         await bus.ask(read(address, r.STATUS))
     except NoReply:
         return False
+    except DeviceRefused:
+        return True
     return True
 
 

@@ -37,8 +37,7 @@ class MksSetup(Axis):
         It fails with the first setting that is not acknowledged; `profile.differences(axis.acknowledged)` tells then
         what is missing.
         """
-        for name, value in profile.values().items():
-            self._check(name, value)
+        self.check_profile(profile)
 
         def plan() -> Plan[MksProfile]:
             for name, value in profile.values().items():
@@ -46,6 +45,11 @@ class MksSetup(Axis):
             return self._mks.acknowledged
 
         return self._order_plan("profile", plan)
+
+    def check_profile(self, profile: MksProfile) -> None:
+        """Refuse a profile of which a value is out of its range. Raises `LimitExceeded`."""
+        for name, value in profile.values().items():
+            self._check(name, value)
 
     def set_mode(self, mode: WorkMode) -> Handle[None]:
         """Who commands the motor, and how it is driven (3.2.2). The motor must stand. The bus moves the SR modes."""

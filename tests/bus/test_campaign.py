@@ -6,6 +6,7 @@ from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.job import Job
 from rs485bus.sim import Noise
 from rs485bus.sim.campaign import ECHOING, HOSTILE, Campaign, kinds_of
+from rs485bus.sim.campaigns.wire_judge import WireJudge
 
 
 @pytest.mark.parametrize(("seed", "noise"), [(1, HOSTILE), (2, HOSTILE), (3, ECHOING)])
@@ -34,6 +35,23 @@ def test_lines_of_all_kinds_take_part_where_many_campaigns_are_run() -> None:
         (True, False),
         (False, True),
     }
+
+
+def test_what_may_not_be_on_the_wire_is_found() -> None:
+    broadcast, move, stop = b"\x00\x06\x00\x01\x00\x01\xff\xff", b"\x11\x10move", b"\x11\x06stop"
+    judge = WireJudge(turnaround=0.02, character=0.001, drives=[0x11])
+    assert judge.sent(broadcast, 1.0, moves=False, bidden=True) == ""
+    assert "turnaround" in judge.sent(move, 1.02, moves=True, bidden=True)
+    assert judge.sent(stop, 1.021, moves=False, bidden=False) == ""
+    assert judge.sent(move, 1.0281, moves=True, bidden=True) == ""
+    judge.stop_all(2.0)
+    assert "emergency stop holds" in judge.sent(move, 2.01, moves=True, bidden=True)
+    assert "0.160 s after it was asked for" in judge.sent(stop, 2.16, moves=False, bidden=False)
+    judge.stop(0x11, 3.0)
+    judge.is_away = True
+    assert "away" in judge.sent(stop, 3.0, moves=False, bidden=False)
+    judge.port_is_back(4.0)
+    assert judge.sent(stop, 4.1, moves=False, bidden=False) == ""
 
 
 def test_the_campaign_finds_what_moves_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:

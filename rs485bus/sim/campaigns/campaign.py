@@ -7,7 +7,8 @@ No event loop: owner, pair and devices are plain objects on one clock. Every uni
 asked and tells what it does, so that each outcome can be held against the truth. Meanwhile drives are moved and
 stopped, the port is lost, callers are cancelled. Wrong is: an answer that was given to another request, a write
 reported done that was not, one reported not done that was, one that must not be repeated and was sent twice, what is
-sent after a stop and is older, a drive said to stand that turns, a request that ends twice, too late or never.
+sent after a stop and is older, a drive said to stand that turns, a late stop, motion while an emergency stop holds, a
+frame in a broadcast's turnaround or without a port, and who is told of an end twice, too late or never.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from rs485bus.devices.mks import registers as mks
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import write_block
 from rs485bus.sim.campaigns.verdict import Fate, Verdict
-from rs485bus.sim.campaigns.witness import FORBIDDEN, HIDDEN, MEMORY, Witness
+from rs485bus.sim.campaigns.wire_judge import WireJudge
+from rs485bus.sim.campaigns.witness import FORBIDDEN, HIDDEN, MEMORY, Witness, overhear
 from rs485bus.sim.mks import SimMks
 from rs485bus.sim.noise import Noise
 from rs485bus.sim.rig import Rig
@@ -98,6 +100,8 @@ class Campaign:
         self._attached = {address: MksDrive(address) for address in self._drives}
         for address, attached in self._attached.items():
             rig.owner.units[address].attach(attached)
+            overhear(self._drives[address], self._did)
+        self._judge = WireJudge(config.turnaround, rig.pair.line.character, self._drives)
         self._stopped_at = dict.fromkeys((*self._drives, BROADCAST), _NEVER)
         self._unplugged_at = _NEVER
         self._closed = False
@@ -138,8 +142,12 @@ class Campaign:
         late = [Job(request, repeat=repeat) for request, repeat in (self._request(1) for _ in range(10))]
         for job in late:
             rig.owner.submit(job, rig.now)
+        for address in self._drives:
+            self._stop(address, emergency=False)
         rig.owner.close(rig.now)
         verdict.wrong += [f"not ended by closing: {job.request}" for job in late if job.outcome is None]
+        if self._halts:
+            verdict.wrong.append(f"{self._halts} who wait for a stop are not told that the bus is closed")
         self._closed = True
         rig.run(5.0)
 
@@ -154,7 +162,8 @@ class Campaign:
         if self._drives and rng.random() < 0.02:
             job = self._moving(rng.choice(list(self._drives)))
         elif self._drives and rng.random() < 0.005:
-            job = Job(write_single(BROADCAST, rng.randrange(4), 1), repeat=Repeat.NEVER, on_end=self._ended)
+            request = write_single(BROADCAST, rng.randrange(4), 1)
+            job = Job(request, repeat=Repeat.NEVER, moves=rng.random() < 0.5, on_end=self._ended)
         elif rng.random() < 0.05:
             job = self._verified(address)
         else:
@@ -228,7 +237,10 @@ class Campaign:
                 fate.sent = fate.job.attempts
                 stopped = max(self._stopped_at.get(fate.job.address, _NEVER), self._unplugged_at)
                 self._note(fate, fate.may_still_go(now, stopped))
-        if self._on_wire is None and frame[0] in self._witnesses and frame[1] in (6, 16):
+        mine = self._on_wire
+        if fault := self._judge.sent(frame, now, moves=mine is not None and mine.job.moves, bidden=mine is not None):
+            self._verdict.wrong.append(f"{fault}: {frame.hex(' ')}")
+        if mine is None and frame[0] in self._witnesses and frame[1] in (6, 16):
             self._verdict.wrong.append(f"a write that nobody waits for was sent: {frame.hex(' ')}")
 
     def _did(self, pdu: bytes, carried_out: bool, now: float) -> None:
@@ -249,8 +261,7 @@ class Campaign:
             return
         fate.ends, fate.ended_at = 1, self._rig.now
         self._verdict.outcomes[job.outcome.value] += 1
-        if job.address not in self._drives:
-            self._note(fate, fate.fault(self._reads))
+        self._note(fate, fate.fault(self._reads))
         # What is done after its end must be noticed: it is watched for a while.
         self._rig.at(self._rig.now + 2, lambda: self._forget(fate))
         # Whoever is told that a unit is offline comes back later.
@@ -258,8 +269,7 @@ class Campaign:
         self._rig.at(self._rig.now + pause, self._ask)
 
     def _forget(self, fate: Fate) -> None:
-        if fate.job.address not in self._drives:
-            self._note(fate, fate.fault(self._reads))
+        self._note(fate, fate.fault(self._reads))
         same = self._by_frame[fate.job.request.adu]
         same.remove(fate)
         if not same:
@@ -291,6 +301,7 @@ class Campaign:
         rig = self._rig
         self._verdict.events["stops"] += 1
         self._stopped_at[address] = asked_at = rig.now
+        self._judge.stop(address, rig.now)
         self._halts += 1
         rig.owner.now = rig.now
         halt = rig.owner.stops.halt(rig.owner.units[address], self._attached[address].motion, emergency=emergency)
@@ -308,13 +319,14 @@ class Campaign:
     def _stop_all(self) -> None:
         rig, owner = self._rig, self._rig.owner
         self._verdict.events["emergency stops"] += 1
-        self._stopped_at.update(dict.fromkeys(self._drives, rig.now))
+        self._stopped_at.update(dict.fromkeys(self._stopped_at, rig.now))
+        self._judge.stop_all(rig.now)
         self._halts += 1
         asked_at = owner.now = rig.now
 
         def reported(report: EmergencyReport) -> None:
             self._halts -= 1
-            owner.gate.latched = False
+            owner.gate.latched = self._judge.is_latched = False
             for address in self._drives:
                 owner.units[address].locked = ""  # as enabling it does
             turning = [address for address, drive in self._drives.items() if drive.moving(rig.now)]
@@ -332,8 +344,13 @@ class Campaign:
         rig = self._rig
         self._verdict.events["unpluggings"] += 1
         self._unplugged_at = rig.now
+        self._judge.is_away = True
         rig.unplug()
-        rig.at(rig.now + self._rng.uniform(0.05, 2), rig.plug)
+        rig.at(rig.now + self._rng.uniform(0.05, 2), self._plug)
+
+    def _plug(self) -> None:
+        self._judge.port_is_back(self._rig.now)
+        self._rig.plug()
 
 
 def kinds_of(seed: int) -> dict[str, object]:

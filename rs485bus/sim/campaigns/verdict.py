@@ -91,7 +91,9 @@ class Fate:
         if self.ended_at > limit:
             return f"ended {self.ended_at - limit:.3f} s too late"
         if job.is_broadcast:
-            return "a broadcast said not to be sent that was" if outcome is Outcome.NOT_SENT and self.sent else ""
+            if outcome is Outcome.NOT_SENT and self.sent:
+                return "a broadcast said not to be sent that was"
+            return "a broadcast said to be sent that was not" if outcome is Outcome.REPLY and not self.sent else ""
         if outcome is Outcome.REFUSED and not self.refused:
             return "a refusal that the unit never gave"
         if not job.request.writes:

@@ -17,6 +17,23 @@ Told = Callable[[bytes, bool, float], None]
 """What a unit did: the request (function and data), whether it carried it out, and when."""
 
 
+def overhear(drive: SimDevice, told: Told) -> None:
+    """Have told what a drive does with each request; it says no inside a normal reply, as MKS drives do."""
+    answer = drive.answer
+
+    def overheard(pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
+        try:
+            reply = answer(pdu, now, broadcast=broadcast)
+        except Refusal:
+            told(pdu, False, now)
+            raise
+        refused = reply is not None and reply[0] == 16 and reply[3:5] == bytes(2)
+        told(pdu, reply is not None and not refused, now)
+        return reply
+
+    drive.answer = overheard  # type: ignore[method-assign] # it is listened to on its own
+
+
 class Witness(SimDevice):
     """A unit that tells what it does.
 

@@ -6,6 +6,7 @@ from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job, Outcome, Reason
 from rs485bus.bus.stopping.closing import shut_down
 from rs485bus.bus.stopping.halt import Halted, Procedure
+from rs485bus.bus.watchdog.guarding import EmergencyReport, emergency_stop
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import read, write
 from rs485bus.sim import SimUnit
@@ -54,6 +55,25 @@ def test_a_stop_that_was_reported_in_vain_is_tried_no_more_once_the_bus_is_close
     rig.run(20.0)
     assert [halted.standing for halted in ended[0]] == [False]
     assert caplog.text == ""  # it went round in circles, as a stop that ends at once was told once more
+
+
+def test_whoever_stops_a_drive_on_a_closed_bus_is_told_at_once_that_it_was_not_seen_standing(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    rig = Rig()
+    (drive,) = running(rig, 1)
+    reports: list[EmergencyReport] = []
+
+    def stop(job: Job) -> None:
+        drive.stop(rig, emergency=False)
+
+    rig.submit(read_holding(9, 0, 1), on_end=stop)
+    rig.owner.start(emergency_stop(rig.owner), reports.append)
+    rig.owner.close(rig.now)  # which ends the read, whose caller stops the drive again
+    drive.stop(rig)
+    assert [halted.standing for halted in drive.halted] == [False, False]
+    assert [device.standing for report in reports for device in report.devices] == [False]
+    assert caplog.text == ""  # it asked and asked until Python gave up, and nobody was told
 
 
 def test_a_procedure_that_never_ends_is_left_and_logged(caplog: pytest.LogCaptureFixture) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Coroutine
 import pytest
 
 from rs485bus import Bus, BusConfig, LineSettings, MksServo, open_bus
-from rs485bus.bus.schedule.job import Outcome
+from rs485bus.bus.schedule.job import Outcome, Urgency
 from rs485bus.errors import StopUnconfirmed
 from rs485bus.sim import VirtualClockLoop
 from rs485bus.wire.frames import read_holding, write_single
@@ -242,3 +242,33 @@ def test_what_was_on_the_wire_at_an_emergency_stop_is_not_sent_again_once_that_i
     assert world.wrong == []
     written = world.asked[0]
     assert (written.job.attempts, written.outcome) == (1, Outcome.UNKNOWN)
+
+
+# What the bus asks of its own accord
+
+
+def test_a_stop_among_other_noise_waits_for_silence_anew() -> None:
+    """DESIGN 4: a stop waits 20 ms for silence. What was heard before the line was quiet is over, though parts of a
+    stop went out meanwhile."""
+    steps = [
+        Step(0.0, "babble", (0.2, 0.001, 0.001)),
+        Step(0.00728, "react", (10, Reaction("late", 0.2794, split=3))),
+        Step(0.0, "stop", (1, False, False)),
+        Step(0.0, "read", (10, 2, 3, False, int(Urgency.STOP), 0.999)),
+        Step(0.2762, "babble", (3.0, 0.001, 0.001)),
+    ]
+    world = play(Setting(baudrate=9600, echo_config=False, by_silence=False), steps)
+    assert world.wrong == []
+
+
+def test_what_is_asked_of_a_lost_unit_keeps_nobody_waiting_behind_a_gateway() -> None:
+    """DESIGN 5: everything ends. A look that is not answered is owed for five seconds, and looks follow each other
+    sooner than that."""
+    steps = [
+        Step(0.0, "write", (20, 1, 0, True, False, 0.0, False)),
+        Step(0.0, "read", (20, 3, 2, False, int(Urgency.POLL), 0.0)),
+        Step(0.0, "read", (20, 1, 1, True, int(Urgency.STOP), 0.0)),
+        Step(0.0, "write", (20, 2, 2, False, True, 0.0, False)),
+    ]
+    world = play(Setting(gateway=True), steps)
+    assert world.wrong == []

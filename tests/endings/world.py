@@ -77,6 +77,8 @@ class World:
         self.babbles = 0.0
         self.babble_gap = (0.001, 0.001)
         self.heard_at = self.now - 1.0
+        self.deaf = 0.0
+        """Seconds since then in which the owner sent, and could not hear whether the line was quiet."""
         self.noisy_since = NEVER
         self.last_end = self.now - 1.0
         self.counts: Counter[str] = Counter()
@@ -106,9 +108,9 @@ class World:
             for piece in self.cable.advance(self.now):
                 if self.closed_at < NEVER or not self.cable.connected:
                     continue
-                if self.now - self.heard_at > 0.02:
+                if self.now - self.heard_at - self.deaf > 0.02:
                     self.noisy_since = self.now
-                self.heard_at = self.now
+                self.heard_at, self.deaf = self.now, max(0.0, self.last_end - self.now)
                 self._call(self.owner.feed, piece, self.now)
             self._tick()
         self.now = max(self.now, until)
@@ -139,6 +141,7 @@ class World:
             self._check_turnaround(frame, start)
         sent = self.cable.transmit(frame, start)
         self.last_end = sent.end
+        self.deaf += sent.end - sent.start
         if mine is not None:
             assert mine.sent is not None
             mine.sent.append(sent)

@@ -56,6 +56,7 @@ class SerialLine:
     __slots__ = (
         "_brief_until",
         "_cut_after",
+        "_deaf",
         "_first_byte_at",
         "_over_noise",
         "_turn",
@@ -106,6 +107,8 @@ class SerialLine:
         self.is_brief = False
         """What is out is part of a stop on a noisy pair: it is not waited for long, if there is noise."""
         self._brief_until = 0.0
+        self._deaf = 0.0
+        """Seconds since `heard_at` for which what is part of a stop was sent. Nobody listened then."""
         self._turn = 0
 
     @property
@@ -141,6 +144,7 @@ class SerialLine:
         if self.is_brief:
             self._brief_until = self.air_end + _NOISY_WAITS[self._turn % len(_NOISY_WAITS)]
             self._turn += 1
+            self._deaf += air
         else:
             self.noisy_since = self.air_end
         if job.expects_reply:
@@ -159,9 +163,11 @@ class SerialLine:
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
         self.airtime += self.line.airtime(len(data))
-        if now >= self.quiet_at or self.heard_at < self.noisy_since:
-            self.noisy_since = now
+        if now >= self.quiet_at or self.heard_at < self.noisy_since or now > self.heard_at + self._deaf + STOP_WAITS:
+            self.noisy_since = now  # what was heard before is over, however many parts of a stop went out since
         self.heard_at = now
+        if self._deaf:
+            self._deaf = max(0.0, self.air_end - now)
         self.quiet_at = max(self.air_end, now) + self.silence
         if self._first_byte_at is None:
             self._first_byte_at = now

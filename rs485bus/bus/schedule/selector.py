@@ -25,10 +25,13 @@ from rs485bus.bus.units.probing import listening_time
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
+from rs485bus.wire.frames import Request
 
 _STOPS = (Urgency.STOP,)
 _SOON = (Urgency.FEED, Urgency.CONFIRM)
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
+_READS = 4
+"""Reads, at most, of which one is looked for that is in nobody's way."""
 
 
 class Selector:
@@ -211,8 +214,16 @@ class Selector:
         return ready
 
     def _look_for(self, unit: UnitState) -> Job | None:
-        """A read that only asks whether anybody answers; None if it goes once the pair was quiet for long enough."""
+        """A read that only asks whether anybody answers; None if it goes once the pair was quiet for long enough, or
+        if the unit is asked anyway as soon as it owes nothing that could be taken for the answer."""
         request = unit.harmless_read()
+        until, tries = self._in_the_way_until(unit, request), _READS
+        while until > self._clock.now and tries:
+            request, tries = unit.harmless_read(), tries - 1
+            until = self._in_the_way_until(unit, request)
+        if until > self._clock.now:
+            unit.reach.probe_at = until
+            return None
         job = Job(request, urgency=Urgency.POLL, ignores_late_replies=True, internal=True, retries=0)
         listens = unit.reply_timeout
         if unit.reach.offline:
@@ -225,6 +236,13 @@ class Selector:
         if not self._queue.has(Urgency.POLL, unit.address):
             self._submit(job)
         return None
+
+    def _in_the_way_until(self, unit: UnitState, request: Request) -> float:
+        """Until when a read of the bus' own, if it were not answered, would keep somebody waiting for longer."""
+        if not unit.late:
+            return READY
+        waiting = (job for job in self._queue.of(unit.address) if request.may_answer(job.request))
+        return max((unit.late.must_wait(job.request, job) for job in waiting), default=READY)
 
     def _admit_over_noise(self, job: Job) -> float:
         verdict = self._admit(job)

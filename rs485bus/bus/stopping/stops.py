@@ -69,10 +69,17 @@ class Stops:
     def halt(
         self, unit: UnitState, motion: Motion, *, emergency: bool, frames: tuple[Request, ...] | None = None
     ) -> Halt:
-        """Stop a device, or the part of it named, until it is seen standing. Nothing older that moves it follows."""
+        """Stop a device, or the part of it named, until it is seen standing. Nothing older that moves it follows.
+
+        On a closed bus that is over at once: nobody has seen it standing.
+        """
         attached, halt = unit.attached, unit.halt
         assert attached is not None
         motion.stop()
+        if self._gate.closed:
+            halt = Halt(attached, motion, emergency, self._clock.now, frames)
+            halt.end()
+            return halt
         if halt is None:
             halt = unit.halt = Halt(attached, motion, emergency, self._clock.now, frames)
             pacing = StopPacing(unit, self._feeding, self._pair, self._units)

@@ -69,7 +69,7 @@ async def measure(folder: Path, stops: int, rate: float) -> Overtaking:
             assert flood.stdin is not None
             assert flood.stdout is not None
             await flood.stdout.readline()
-            async with connect(broker.url, plant="cell", lease=10) as cell:
+            async with connect(broker.url, plant="cell", lease=10, life=10) as cell:
                 for _ in range(stops):
                     await cell.x.enable()
                     await cell.x.run(600)

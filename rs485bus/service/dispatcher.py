@@ -202,6 +202,7 @@ class Dispatcher:
                 update={"started": self._clock.of_loop(min(starts)), "spread": max(starts) - min(starts)}
             )
         self._carry_out(self._desk.ended(order, answer))
+        self.reporter.touch(order.axes)
 
     def _failed(self, order: Order, error: Exception, *, begun: bool) -> Answer:
         if not isinstance(error, BusError | ValueError | TypeError):

@@ -106,10 +106,10 @@ class Reporter:
         while True:
             changed.clear()
             sampling = self._sampling(name)
-            every = min(self._period, sampling or self._period)
-            idle = told is not None and not told.moving and sampling is None
+            idle = told is not None and not (told.moving or sampling or axis.motion.may_move)
+            every = max(_STANDING, self._period) if idle else min(self._period, sampling or self._period)
             try:
-                report = await self._watch.axis(axis, _STANDING / 2 if idle else every / 2, **self._known(name))
+                report = await self._watch.axis(axis, every / 2, **self._known(name))
             except Exception as error:  # whoever looks does not end who serves
                 _log.warning("what is known of %s cannot be told: %s", name, error)
                 await asyncio.sleep(_STANDING)

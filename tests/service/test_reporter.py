@@ -62,6 +62,31 @@ async def test_four_axes_of_a_pair_that_move_are_told_twenty_times_a_second_each
 
 
 @virtual
+async def test_an_axis_that_stands_is_looked_at_once_a_second_and_told_as_often() -> None:
+    line = VirtualLine(SimMks(1), baudrate=115200)
+    async with open_bus(line) as bus:
+        axis = MksServo(bus, 1)
+        told: list[AxisReport] = []
+
+        def publish(topic: str, message: Message, **options: Any) -> None:
+            if topic.endswith("/state"):
+                assert isinstance(message, AxisReport)
+                told.append(message)
+
+        desk = Desk(TOPICS, {"a": frozenset({"a"})}, table)
+        reporter = Reporter(Plant({"main": bus}, {"a": axis}), desk, Clock(), TOPICS, publish, 20.0)
+        reporting = asyncio.create_task(reporter.run())
+        await asyncio.sleep(2)
+        before, so_far = bus.stats.transactions, len(told)
+        await asyncio.sleep(20)
+        assert bus.stats.transactions - before <= 2 * 21  # position and status
+        assert 19 <= len(told) - so_far <= 21
+        assert not any(report.moving for report in told)
+        reporting.cancel()
+        await asyncio.gather(reporting, return_exceptions=True)
+
+
+@virtual
 async def test_the_status_of_an_axis_that_its_positions_show_to_move_is_not_asked_for() -> None:
     line = VirtualLine(SimMks(1), baudrate=115200)
     async with open_bus(line) as bus:

@@ -54,8 +54,9 @@ class BusConfig:
     """First pause before a lost port is opened again."""
     reopen_max: float = 5.0
     """Longest pause before a lost port is opened again."""
-    tcp_gap: float = 0.005
-    """Silence kept between frames where a gateway does the framing (RTU over TCP). 0..1."""
+    tcp_gap: float | None = None
+    """Silence kept between frames where a gateway does the framing (RTU over TCP); None for t3.5 of the pair behind it.
+    0..1."""
     silence: float | None = None
     """Silence between frames on a serial port; None for the 3.5 characters of Modbus (t3.5). Less is quicker, where it
     was measured on the bench that every device on the pair takes it; 1.5 characters at the least."""
@@ -81,7 +82,8 @@ class BusConfig:
         _within("close_timeout", self.close_timeout, 0.1, 60)
         _within("reopen_max", self.reopen_max, 0.01, 60)
         _within("reopen_min", self.reopen_min, 0.01, self.reopen_max)
-        _within("tcp_gap", self.tcp_gap, 0, 1)
+        if self.tcp_gap is not None:
+            _within("tcp_gap", self.tcp_gap, 0, 1)
         whole("pipeline", self.pipeline, 1, 16)
         if self.silence is not None:
             _within("silence", self.silence, 0, 1)
@@ -104,7 +106,7 @@ class BusConfig:
             ValueError: it is less than 1.5 characters, or a gateway keeps it.
         """
         if self.silence is None:
-            return self.tcp_gap if gateway else line.t35
+            return self.tcp_gap if gateway and self.tcp_gap is not None else line.t35
         if gateway:
             raise ValueError(
                 "silence is for serial ports: a gateway keeps its own. What is left between two is tcp_gap"

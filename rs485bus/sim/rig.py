@@ -49,7 +49,7 @@ class Rig:
         self.now = 100.0
         self.pair = VirtualPair(devices, line, noise, seed, turnaround)
         if gateway:
-            self.pair.usable_silence = config.tcp_gap
+            self.pair.usable_silence = config.silence_on(line, gateway)
         # The line has been quiet for a while, so that what is submitted first goes out at once.
         self.owner = Owner(line, config, self.now - 1, gateway=gateway)
         self.sent: list[tuple[float, bytes]] = []

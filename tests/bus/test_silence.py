@@ -1,6 +1,7 @@
 """Less silence between frames than Modbus asks for, where somebody asks for that. Exact time."""
 
 import asyncio
+import itertools
 import logging
 
 import pytest
@@ -25,6 +26,22 @@ def test_between_two_frames_there_is_the_silence_asked_for(silence: float | None
     takes = line.airtime(8) + 0.002 + line.airtime(7)
     gaps = [after - before - takes for (before, _), (after, _) in zip(rig.sent, rig.sent[1:], strict=False)]
     assert gaps == pytest.approx([kept] * 2, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("tcp_gap", "baudrate", "kept"), [(None, 115200, 0.001_75), (None, 2400, 0.016), (0.1, 2400, 0.1)]
+)
+def test_a_gateway_that_hands_bytes_on_at_once_keeps_the_silence_of_its_pair(
+    tcp_gap: float | None, baudrate: int, kept: float
+) -> None:
+    line = LineSettings(baudrate=baudrate)
+    rig = Rig(SimUnit(1, {0: 7}), line=line, config=BusConfig(echo=False, tcp_gap=tcp_gap), gateway=True)
+    for _ in range(3):
+        rig.submit(read_holding(1, 0, 1))
+    rig.run(1.0)
+    records = list(rig.owner.journal.flight)
+    gaps = [after.sent_at - before.ended_at for before, after in itertools.pairwise(records)]
+    assert gaps == pytest.approx([kept] * 2, rel=0.01)
 
 
 def test_it_is_never_less_than_one_and_a_half_characters() -> None:

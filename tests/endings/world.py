@@ -41,7 +41,7 @@ class World:
         )
         self.now = 1000.0
         self.owner = Owner(line, self.config, self.now - 1, gateway=setting.gateway)
-        self.silence = self.config.tcp_gap if setting.gateway else line.t35
+        self.silence = self.config.silence_on(line, setting.gateway)
         self.drives = {address: Mks(address, by_silence=setting.by_silence) for address in range(1, setting.drives + 1)}
         for drive in self.drives.values():
             drive.lies = setting.lying

@@ -50,9 +50,16 @@ class Clerk:
                 except Exception as error:
                     _log.exception("requests cannot be remembered")
                     for _, done in batch:
-                        done(None, error)
+                        _tell(done, None, error)
                 else:
                     for (_, done), result in zip(batch, results, strict=True):
-                        done(result, None)
+                        _tell(done, result, None)
         finally:
             self._work = None
+
+
+def _tell(done: Done, result: Any, error: Exception | None) -> None:
+    try:
+        done(result, error)
+    except Exception:  # who waits for the next entry is told all the same
+        _log.exception("what follows an entry could not be done")

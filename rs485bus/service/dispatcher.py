@@ -131,32 +131,38 @@ class Dispatcher:
 
     def _carry_out(self, decisions: list[Decision]) -> None:
         for decision in decisions:
-            match decision:
-                case Halt():
-                    self._spawn(self._stop(decision))
-                case Begin(order):
-                    self._begin(order)
-                case SetTo(name, values, until):
-                    self._machine.set_to(name, values, until - self._clock.now())
-                case Recall(order, keep):
-                    self._recall(order, keep)
-                case Settle(order, answer):
-                    self._settle(order, answer)
-                case Hold(axes):
-                    self._clerk.write(partial(Ledger.hold, axes=axes), _nothing)
-                case Say(asker, answer):
-                    self._publish(asker.topic, answer, properties=answering(asker))
-                case Cancel(order):
-                    self._performances[order.id].cancel()
-                case Ask(order):
-                    self._ask(order)
-                case Tell(event):
-                    self.reporter.touch(frozenset({event.axis}))
-                    self._publish(self._topics.axis(event.axis, "event"), event)
-                case Refused(topic, answer):
-                    _log.warning("%s was refused: %s", topic, answer.error.message if answer.error else "")
-                    self._publish(self._topics.refused, answer)
+            try:
+                self._carry_out_one(decision)
+            except Exception:  # the next one may be a stop
+                _log.exception("%s could not be carried out", type(decision).__name__)
         self._set_alarm()
+
+    def _carry_out_one(self, decision: Decision) -> None:
+        match decision:
+            case Halt():
+                self._spawn(self._stop(decision))
+            case Begin(order):
+                self._begin(order)
+            case SetTo(name, values, until):
+                self._machine.set_to(name, values, until - self._clock.now())
+            case Recall(order, keep):
+                self._recall(order, keep)
+            case Settle(order, answer):
+                self._settle(order, answer)
+            case Hold(axes):
+                self._clerk.write(partial(Ledger.hold, axes=axes), _nothing)
+            case Say(asker, answer):
+                self._publish(asker.topic, answer, properties=answering(asker))
+            case Cancel(order):
+                self._performances[order.id].cancel()
+            case Ask(order):
+                self._ask(order)
+            case Tell(event):
+                self.reporter.touch(frozenset({event.axis}))
+                self._publish(self._topics.axis(event.axis, "event"), event)
+            case Refused(topic, answer):
+                _log.warning("%s was refused: %s", topic, answer.error.message if answer.error else "")
+                self._publish(self._topics.refused, answer)
 
     def _recall(self, order: Order, keep: bool) -> None:
         def recalled(former: Former | None, error: Exception | None) -> None:
@@ -241,10 +247,7 @@ class Dispatcher:
 
     def _stop(self, halt: Halt) -> Coroutine[Any, Any, None]:
         """Stop axes at once; what is returned tells the desk whether they stand."""
-        try:
-            standing = self._machine.halt(halt)
-        except BusError as error:
-            standing = _failing(error)
+        standing = self._machine.halt(halt)
 
         async def confirm() -> None:
             error: Exception | None = None
@@ -272,10 +275,6 @@ class Dispatcher:
 
     def _tick(self) -> None:
         self._carry_out(self._desk.tick(self._clock.now()))
-
-
-async def _failing(error: Exception) -> None:
-    raise error
 
 
 def _nothing(result: Any, error: Exception | None) -> None:

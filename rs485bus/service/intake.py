@@ -14,6 +14,8 @@ from rs485bus.service.verbs import Together, Verb, arguments
 
 LONGEST_LIFE = 60.0
 """Seconds after which a request must have expired."""
+_WORD = 60
+"""Characters of somebody else's that are repeated in an answer."""
 AHEAD = 0.05
 """Seconds by which a client's idea of the service's clock may be ahead of it."""
 
@@ -49,14 +51,9 @@ class Intake:
         axes = self.named(self._axes if name == PLANT else [name])
         verb = self._verb(name, which)
         if verb is None:
-            raise RequestMalformed(f"{name} has no verb {which!r}. Nothing was done.")
+            raise RequestMalformed(f"{name} has no verb {_short(which)}. Nothing was done.")
         if said.expires - said.sent > LONGEST_LIFE:
             raise RequestMalformed(f"It must expire within {LONGEST_LIFE:g} s after it was sent. Nothing was done.")
-        if said.sent > now + AHEAD:
-            raise RequestMalformed(
-                f"It was sent {said.sent - now:.3f} s from now, by the service's clock: ask the service for its time. "
-                "Nothing was done."
-            )
         if said.at is not None and said.at >= said.expires:
             raise RequestMalformed("It is to begin when it has expired. Nothing was done.")
         given = arguments(verb, said.args)
@@ -73,11 +70,17 @@ class Intake:
             frozenset() if every else axes,
             said.lease,
             min(said.sent, now),
-            said.expires,
+            min(said.expires, now + 2 * LONGEST_LIFE),  # what is refused is remembered until then
             said.at,
             _digest(topic, said),
             [asker],
         )
+        if said.sent > now + AHEAD:
+            # Not that it was not done: a service whose clock was ahead may have.
+            order.problem = RequestMalformed(
+                f"It was sent {said.sent - now:.3f} s from now, by the service's clock: ask the service for its time. "
+                "Nothing was done."
+            )
         return order, verb
 
     def halt(self, payload: bytes, asker: Asker | None, *, emergency: bool) -> Halt:
@@ -96,7 +99,7 @@ class Intake:
         axes: set[str] = set()
         for name in names:
             if name not in self._axes:
-                raise RequestMalformed(f"There is no {name!r} here: {', '.join(self._axes)}. Nothing was done.")
+                raise RequestMalformed(f"There is no {_short(name)} here: {', '.join(self._axes)}. Nothing was done.")
             axes |= self._axes[name]
         return frozenset(axes)
 
@@ -111,7 +114,9 @@ class Intake:
 
 
 def check_age(order: Order, now: float) -> None:
-    """Raise `NotSent` for a request that comes too late."""
+    """Raise why a request is not of this time: `RequestMalformed` for one from the future, `NotSent` for a late one."""
+    if order.problem is not None:
+        raise order.problem
     if order.expires <= now:
         late = now - order.expires
         raise NotSent(f"{order.name} {order.verb} expired {late:.3f} s before it came in. Nothing was done.")
@@ -137,6 +142,11 @@ def used_before(order: Order) -> RequestMalformed:
     return RequestMalformed(
         f"The id {order.id} was used for another request before: each needs an id of its own. Nothing was done."
     )
+
+
+def _short(name: str) -> str:
+    """What somebody else calls something, in quotes."""
+    return repr(name if len(name) <= _WORD else f"{name[:_WORD]}...")
 
 
 def _digest(topic: str, said: Request) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 import weakref
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from rs485bus.errors import BusError, OutcomeUnknown
+from rs485bus.service.clock import Clock
 from rs485bus.service.decisions import Former
 from rs485bus.service.schema import Answer, read, write
 from rs485bus.service.troubles import trouble
@@ -30,15 +30,16 @@ class Ledger:
 
     Args:
         path: the file; it is made where there is none. ":memory:" for none at all.
-        now: the time of day, in seconds.
+        now: the time, in seconds; None for Unix time that goes on without a step, whatever becomes of the time of day:
+            what is remembered for an hour is not forgotten at once where somebody sets the clock.
 
     Raises:
         BusError: another program has it open, or it cannot be written.
     """
 
-    def __init__(self, path: str | Path, now: Callable[[], float] = time.time) -> None:
-        self._now = now
-        self._pruned = now()
+    def __init__(self, path: str | Path, now: Callable[[], float] | None = None) -> None:
+        self._now = now or Clock().now
+        self._pruned = self._now()
         try:
             if str(path) != ":memory:":
                 Path(path).parent.mkdir(parents=True, exist_ok=True)

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from rs485bus import AxisGroup
 from rs485bus.bus.bus import Bus
+from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, MoveCancelled, NotSupported, StopUnconfirmed
 from rs485bus.service import verbs
 from rs485bus.service.decisions import Halt, Order
@@ -81,6 +82,8 @@ class Machine:
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
         self._streams: dict[str, OpenStream] = {}
+        self._emergencies: list[Handle[Any]] = []
+        """The latest emergency stop, of each bus."""
         self.names: dict[str, frozenset[str]] = {name: frozenset({name}) for name in plant.axes}
         by_axis = {axis: name for name, axis in plant.axes.items()}
         for name, group in plant.groups.items():
@@ -118,9 +121,7 @@ class Machine:
         if order.verb == _LEAVING:
             return self._leave(order)
         if order.verb == "clear_emergency_stop":
-            for bus in self.plant.buses.values():
-                bus.clear_emergency_stop()
-            return Performance(_nothing)
+            return self._clear()
         target, _ = self._target(order.name)
         given = order.arguments.model_dump(exclude_none=True)
         if isinstance(order.arguments, Together):
@@ -151,13 +152,10 @@ class Machine:
             if stream.axes & halt.axes:
                 stream.end(MoveCancelled(f"The stream of {stream.name} ended: it was stopped."))
         if halt.emergency and halt.axes >= set(self.plant.axes):
-            emergencies = [bus.emergency_stop() for bus in self.plant.buses.values()]
-            return _confirmed(emergencies, self._all_standing)
-        stops = []
-        for name in sorted(halt.axes):
-            axis = self.plant.axes[name]
-            stops.append(axis.emergency_stop() if halt.emergency else axis.stop())
-        return _confirmed(stops)
+            self._emergencies = [_asked_for(bus.emergency_stop) for bus in self.plant.buses.values()]
+            return _confirmed(self._emergencies, self._all_standing)
+        axes = [self.plant.axes[name] for name in sorted(halt.axes)]
+        return _confirmed([_asked_for(axis.emergency_stop if halt.emergency else axis.stop) for axis in axes])
 
     # Streams
 
@@ -196,6 +194,14 @@ class Machine:
         return Performance(stream.over.wait)
 
     # Inside
+
+    def _clear(self) -> Performance:
+        """Allow motion again, on all buses or on none."""
+        if not all(emergency.done() for emergency in self._emergencies):
+            raise BusError("The emergency stop is still being confirmed: wait until it is answered, then clear it.")
+        for bus in self.plant.buses.values():
+            bus.clear_emergency_stop()
+        return Performance(_nothing)
 
     def _target(self, name: str) -> tuple[Any, dict[str, Verb]]:
         if name in self.plant.axes:
@@ -282,6 +288,16 @@ class OpenStream:
 
 async def _nothing() -> None:
     """It is done already."""
+
+
+def _asked_for(stop: Callable[[], Handle[Any]]) -> Handle[Any]:
+    """A stop. One that raises, whatever that is, does not keep the others from being asked for."""
+    try:
+        return stop()
+    except Exception as error:
+        failed: Handle[Any] = Handle("stop")
+        failed.fail(error)
+        return failed
 
 
 async def _confirmed(handles: list[Any], check: Callable[[list[Any]], None] = lambda _: None) -> None:

@@ -94,6 +94,34 @@ def test_what_was_not_stored_when_the_service_was_killed_is_refused_and_nothing_
     assert office.begun == []
 
 
+@pytest.mark.parametrize(("ended", "how"), [(True, "done"), (False, "unknown")])
+def test_what_was_done_before_the_clock_was_set_back_is_not_said_to_be_undone(ended: bool, how: str) -> None:
+    office = Office()
+    move = office.move(lease=office.take("x"))
+    office.write()
+    if ended:
+        office.end(move.id)
+        office.write()
+    office.said.clear()
+    office.restart(pause=-10.0)
+    office.say("x", "move_to", move)
+    office.write()
+    assert office.answer(move.id).outcome == how
+    assert office.times_begun(move.id) == 1
+
+
+def test_what_was_refused_for_its_clock_is_not_begun_later() -> None:
+    office = Office()
+    lease = office.take("x", seconds=60)
+    move = office.move(lease=lease, sent=office.now + 1, expires=office.now + 3)
+    office.write()
+    office.wait(2)
+    office.say("x", "move_to", move)
+    office.write()
+    assert [answer.outcome for answer in office.answers(move.id)] == ["refused", "refused"]
+    assert not office.begun
+
+
 def test_an_id_that_says_something_else_the_second_time_is_refused() -> None:
     office = Office()
     move = office.move(lease=office.take("x"))

@@ -8,13 +8,17 @@ from typing import Any
 
 import pytest
 
-from rs485bus import Bus, MksServo, open_bus
+from rs485bus import Bus, BusConfig, MksServo, open_bus
+from rs485bus.errors import BusError, StopUnconfirmed
+from rs485bus.motion.axis import Axis
 from rs485bus.service.clock import Clock
-from rs485bus.service.decisions import Asker
+from rs485bus.service.decisions import Asker, Halt, Order
 from rs485bus.service.dispatcher import Dispatcher
 from rs485bus.service.ledger import Ledger
 from rs485bus.service.machine import Machine
 from rs485bus.service.schema import LONGEST, Answer, Message, write
+from rs485bus.service.topics import PLANT
+from rs485bus.service.verbs import Nothing
 from rs485bus.sim import SimMks, VirtualLine
 from tests.integration.support import virtual
 from tests.service.office import TOPICS, Office
@@ -162,17 +166,20 @@ class Desk:
 
     def __init__(self, bus: Bus, *axes: MksServo) -> None:
         self.said: list[tuple[str, Message]] = []
+        self.fails = False
         self.plant = Plant({"main": bus}, {f"a{number}": axis for number, axis in enumerate(axes)}, groups={})
         machine = Machine(self.plant)
         self.clock = Clock()
         self.dispatcher = Dispatcher(machine, Ledger(":memory:"), self.clock, TOPICS, self._publish, 5.0)
 
     def _publish(self, topic: str, message: Message, **options: Any) -> None:
+        if self.fails:
+            raise ValueError("a surprise")
         self.said.append((topic, message))
 
-    def ask(self, request: str, name: str, verb: str) -> None:
+    def ask(self, request: str, name: str, verb: str, **fields: Any) -> None:
         now = self.clock.now()
-        said = {"v": 1, "id": request, "client": "a", "sent": now, "expires": now + 5}
+        said = {"v": 1, "id": request, "client": "a", "sent": now, "expires": now + 5, **fields}
         self.dispatcher.hear(["request", name, verb], json.dumps(said).encode(), ME, retained=False)
 
     def answers(self) -> list[Answer]:
@@ -192,6 +199,78 @@ async def test_a_thousand_questions_at_once_are_answered_by_two_frames_the_secon
         assert bus.stats.transactions - before == 2
         assert {answer.id for answer in desk.answers()} == {f"q{number}" for number in range(1_000)}
         assert all(answer.outcome == "done" for answer in desk.answers())
+        await desk.dispatcher.leave()
+
+
+@virtual
+@pytest.mark.parametrize("emergency", [False, True])
+async def test_a_stop_of_all_stops_the_others_where_one_cannot_even_be_asked_for(
+    monkeypatch: pytest.MonkeyPatch, emergency: bool
+) -> None:
+    async with open_bus(VirtualLine(SimMks(1), baudrate=115200)) as away, open_bus(VirtualLine(SimMks(1))) as bus:
+        broken, axis = MksServo(away, 1), MksServo(bus, 1)
+        desk = Desk(away, broken, axis)
+        desk.plant.buses = {"away": away, "main": bus}
+
+        def fail(*arguments: object) -> None:
+            raise RuntimeError("a surprise")
+
+        await axis.enable()
+        await axis.run(60)
+        monkeypatch.setattr(MksServo, "stop", lambda self: fail() if self is broken else Axis.stop(self))
+        monkeypatch.setattr(Bus, "emergency_stop", lambda self: fail() if self is away else stop_bus(self))
+        topic = "emergency_stop" if emergency else "stop"
+        desk.dispatcher.hear([topic], b'{"v": 1, "id": "1", "client": "a"}', ME, retained=False)
+        await asyncio.sleep(1)
+        assert not axis.motion.may_move
+        (answer,) = desk.answers()
+        assert answer.outcome == "failed"
+        assert answer.error is not None
+        assert "a surprise" in answer.error.message
+        await desk.dispatcher.leave()
+
+
+stop_bus = Bus.emergency_stop
+
+
+@virtual
+async def test_an_emergency_stop_is_cleared_on_all_buses_or_on_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    silent = SimMks(1)
+    config = BusConfig(close_timeout=0.5)
+    async with open_bus(VirtualLine(SimMks(1))) as one, open_bus(VirtualLine(silent), config=config) as other:
+        axes = {"a": MksServo(one, 1), "b": MksServo(other, 1)}
+        machine = Machine(Plant({"one": one, "other": other}, axes, groups={}))
+        monkeypatch.setattr(silent, "receive", lambda frame, now: None)
+        standing = asyncio.ensure_future(machine.halt(Halt(frozenset("ab"), "", emergency=True)))
+        await asyncio.sleep(0.3)
+        clear = Order(
+            "c", "a", PLANT, "clear_emergency_stop", Nothing(), frozenset("ab"), frozenset(), 1, 0, 9, None, ""
+        )
+        with pytest.raises(BusError, match="still being confirmed"):
+            machine.begin(clear)
+        assert [one.latched, other.latched] == [True, True]
+        with pytest.raises(StopUnconfirmed):
+            await standing
+        machine.begin(clear)
+        assert [one.latched, other.latched] == [False, False]
+        monkeypatch.undo()
+
+
+@virtual
+async def test_whatever_cannot_be_carried_out_a_lease_ends_in_its_time(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with open_bus(VirtualLine(SimMks(1), baudrate=115200)) as bus:
+        axis = MksServo(bus, 1)
+        desk = Desk(bus, axis)
+        await axis.enable()
+        await axis.run(60)
+        desk.fails = True
+        monkeypatch.setattr(desk.clock, "now", asyncio.get_running_loop().time)
+        desk.ask("t", "plant", "take_control", args={"axes": ["a0"]})
+        assert "could not be carried out" in caplog.text
+        await asyncio.sleep(2)
+        assert not axis.motion.may_move
         await desk.dispatcher.leave()
 
 

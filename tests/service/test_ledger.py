@@ -6,6 +6,7 @@ import asyncio
 import sqlite3
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 
@@ -74,6 +75,21 @@ def test_an_hour_later_what_has_an_answer_is_forgotten(tmp_path: Path) -> None:
     ledger.close()
 
 
+def test_an_hour_is_what_has_passed_and_not_what_somebody_sets_the_clock_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else what is said again would be done again."""
+    at, passed = time.time(), [1000.0]
+    monkeypatch.setattr("rs485bus.service.clock._passed", lambda: passed[0])
+    ledger = Ledger(":memory:")
+    ledger.carry_out([partial(Ledger.store, request="1", digest="d"), partial(Ledger.settle, request="1", answer=DONE)])
+    monkeypatch.setattr(time, "time", lambda: at + 5 * KEPT)
+    ledger.carry_out([])
+    assert ledger.look_up("1") is not None
+    passed[0] += 2 * KEPT
+    ledger.carry_out([])
+    assert ledger.look_up("1") is None
+    ledger.close()
+
+
 def test_a_second_service_of_the_plant_is_told_to_stop_the_first(tmp_path: Path) -> None:
     ledger = Ledger(tmp_path / "cell.sqlite")
     with pytest.raises(BusError, match="another service of this plant"):
@@ -120,6 +136,22 @@ def test_who_waits_for_an_entry_that_cannot_be_written_is_told() -> None:
         clerk.write(partial(Ledger.look_up, request="1"), lambda result, error: told.append(error))
         await clerk.drain()
         assert isinstance(told[0], sqlite3.ProgrammingError)
+
+    asyncio.run(main())
+
+
+def test_an_entry_whose_teller_fails_leaves_nobody_else_waiting() -> None:
+    async def main() -> None:
+        clerk = Clerk(Ledger(":memory:"))
+        told: list[object] = []
+
+        def fail(result: object, error: Exception | None) -> None:
+            raise KeyError("a surprise")
+
+        clerk.write(partial(Ledger.look_up, request="1"), fail)
+        clerk.write(partial(Ledger.look_up, request="1"), lambda result, error: told.append(error))
+        await clerk.drain()
+        assert told == [None]
 
     asyncio.run(main())
 

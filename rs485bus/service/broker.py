@@ -36,6 +36,9 @@ _FAREWELL = 0.5
 KEEPALIVE = 5
 """Seconds of silence after which the broker and its client look whether the other is still there."""
 
+LARGEST = 2**21
+"""Bytes of the largest message that is taken in, to be refused perhaps."""
+
 NO_RETAINED = SubscribeOptions(qos=1, retainAsPublished=True, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND)
 """Nothing that was retained before comes, and what is retained now says so."""
 WITH_RETAINED = SubscribeOptions(qos=1)
@@ -207,6 +210,7 @@ class Broker:
             will=will,
             keepalive=KEEPALIVE,
             clean_start=True,
+            properties=_limited(),
             socket_options=((socket.IPPROTO_TCP, socket.TCP_NODELAY, 1),),
             timeout=_PATIENCE,
             logger=_quiet,
@@ -299,6 +303,14 @@ def asking(asker: Asker, expiry: float) -> Properties:
 def last_will(topic: str, payload: bytes, *, retain: bool = False) -> aiomqtt.Will:
     """What the broker publishes when the connection breaks."""
     return aiomqtt.Will(topic, payload, qos=1, retain=retain)
+
+
+def _limited() -> Properties:
+    """What goes with a connection: the broker hands nothing on that is larger. To take in what is, the event loop, in
+    which motors are looked after, would stand still."""
+    properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call] # paho has no types here
+    properties.MaximumPacketSize = LARGEST
+    return properties
 
 
 def _properties() -> Properties:

@@ -126,7 +126,9 @@ def test_an_id_is_used_once_whoever_uses_it_and_for_whatever(tmp_path: Path, bro
     in_real_time(main, 30)
 
 
-def test_what_is_said_clumsily_is_answered_in_words_and_moves_nothing(tmp_path: Path, broker: Mosquitto) -> None:
+def test_what_is_said_clumsily_is_answered_in_words_and_moves_nothing(
+    tmp_path: Path, broker: Mosquitto, caplog: pytest.LogCaptureFixture
+) -> None:
     async def main() -> None:
         async with serving(tmp_path, broker.url) as (plant, _), connected(broker, plant, "a") as a:
             await a.take("x")
@@ -160,8 +162,11 @@ def test_what_is_said_clumsily_is_answered_in_words_and_moves_nothing(tmp_path: 
                 await a.send("request/x/move_by", lost, reply=reply)
                 assert "response topic" in (await a.ends(lost["id"]))[0]["error"]["message"]
             await a.send("request/x/move_by", b"x" * 1_000_000)
-            await a.send("setpoint/x", b"[" * 100_000)
+            for length in (100_000, 3_000_000):
+                await a.send("setpoint/x", b"[" * length)
             assert (await a.ask("x/position", args={}))["value"] == 0
+            assert "100000 bytes" in caplog.text
+            assert "3000000 bytes" not in caplog.text  # to take that in, the event loop would stand still
             assert shaft(plant) == 0
             # Correlation data is for the client's own use: it may do without.
             plain = a.request()

@@ -62,16 +62,21 @@ class _Handler:
     cell; what was put in place meanwhile is gone then.
     """
 
-    def __init__(self, former: Any, pressed: Callable[[Callable[[], None], FrameType | None], None]) -> None:
+    def __init__(self, former: Any, pressed: Callable[[_Handler, FrameType | None], None]) -> None:
         self.former = former
         self._pressed = pressed
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        self._pressed(self._hand_on, frame)
+        self._pressed(self, frame)
 
-    def _hand_on(self) -> None:
+    def hand_on(self) -> None:
+        """Do what the former handler does."""
         if callable(self.former):
             self.former(signal.SIGINT, None)
+
+    def would_break(self, frame: FrameType | None) -> bool:
+        """Whether the former handler would raise in a notebook's kernel while that does its own work."""
+        return self.former is signal.default_int_handler and in_kernel() and not _runs_a_cell(frame)
 
 
 class _Interrupts:
@@ -135,16 +140,21 @@ class _Interrupts:
         if hand_on is not None:
             hand_on()
 
-    def _pressed(self, hand_on: Callable[[], None], frame: FrameType | None) -> None:
+    def press_again(self) -> None:
+        """Have Ctrl-C come again, soon, where it can take effect."""
+        for bus in self._buses[:1]:
+            bus.press_again()
+
+    def _pressed(self, handler: _Handler, frame: FrameType | None) -> None:
         for bus in self._buses:
             bus.stop_soon()
         if calls.depth or _leaves_a_block(frame):
             calls.pressed += 1
-            self._put_off = hand_on
-        elif self._buses and _would_be_lost(frame):
-            self._buses[0].press_again()
+            self._put_off = handler.hand_on
+        elif self._buses and (_would_be_lost(frame) or handler.would_break(frame)):
+            self.press_again()
         else:
-            hand_on()
+            handler.hand_on()
 
 
 def _leaves_a_block(frame: FrameType | None) -> bool:
@@ -156,6 +166,16 @@ def _would_be_lost(frame: FrameType | None) -> bool:
     """Whether Python ignores what is raised here: something is just being let go of."""
     while frame is not None:
         if frame.f_code.co_name in _FINALIZERS or frame.f_code.co_filename in _CALLBACKS:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _runs_a_cell(frame: FrameType | None) -> bool:
+    """Whether code of a cell is being run, or what it has called."""
+    names = _shell().user_global_ns
+    while frame is not None:
+        if frame.f_globals is names:
             return True
         frame = frame.f_back
     return False
@@ -176,7 +196,11 @@ def in_kernel() -> bool:
 
 
 def _follow_cells(follow: bool) -> None:
-    """Watch in IPython's cells, too, and in a notebook between them: an interrupt of an idle kernel stops motors."""
+    """Watch in IPython's cells, too, and in a notebook between them: an interrupt of an idle kernel stops motors.
+
+    A kernel takes the signal over as soon as a cell comes, and would not survive it before the cell's first line: its
+    hook is followed.
+    """
     shell = _shell()
     if shell is None:
         return
@@ -188,6 +212,27 @@ def _follow_cells(follow: bool) -> None:
             shell.events.unregister(event, callback)
         if follow:
             shell.events.register(event, callback)
+    kernel: Any = getattr(shell, "kernel", None)
+    hook = getattr(kernel, "pre_handler_hook", None)
+    if isinstance(hook, _BeforeMessage) and not follow:
+        kernel.pre_handler_hook = hook.former
+    elif hook is not None and not isinstance(hook, _BeforeMessage) and follow:
+        kernel.pre_handler_hook = _BeforeMessage(hook)
+
+
+class _BeforeMessage:
+    """What a kernel does before it handles a message: it takes SIGINT over, and it is taken from it again."""
+
+    def __init__(self, former: Callable[[], None]) -> None:
+        self.former = former
+
+    def __call__(self) -> None:
+        try:
+            self.former()
+            interrupts.watch()
+        except KeyboardInterrupt:  # it came between the two
+            interrupts.watch()
+            interrupts.press_again()
 
 
 def _before_cell(info: object) -> None:

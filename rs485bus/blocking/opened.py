@@ -7,6 +7,8 @@ import asyncio
 import atexit
 import contextlib
 import os
+import signal
+import threading
 import warnings
 import weakref
 from collections.abc import Callable
@@ -23,6 +25,16 @@ from rs485bus.errors import AddressInUse, BusError
 
 _STANDING = 5.0
 """Seconds for which Ctrl-C waits until all axes are seen standing: as long as closing a bus may take."""
+_AGAIN = 0.001
+"""Seconds after which Ctrl-C comes again that could not take effect."""
+
+
+def _press() -> None:
+    """Ctrl-C, for the main thread. A real signal also wakes it where it sleeps."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
 
 
 class Opened:
@@ -93,7 +105,7 @@ class Opened:
 
     def press_again(self) -> None:
         """Have Ctrl-C come again, soon. From a signal handler."""
-        self.loop.post(_thread.interrupt_main)
+        self.loop.post(lambda: threading.Timer(_AGAIN, _press).start())
 
     def see_standing(self, give_up: Callable[[], bool]) -> None:
         """Wait until the stops of Ctrl-C are confirmed, no longer than closing would take."""

@@ -3,8 +3,13 @@
 python -m tests.blocking.ctrl_c --scripts 5000 --cells 5000 --seed 1
 
 A script opens a bus, arms watchdogs, moves and asks, in virtual time. A cell does so in a kernel of Jupyter's, run by
-nbclient, in real time; it is interrupted as the notebook's button does, now and then when it has ended already. After
-each, every motor stands, every watchdog is off, nothing hangs, and no thread is left.
+nbclient, in real time; it is interrupted as the notebook's button does: now and then before its first line, or when it
+has ended already. After each, every motor stands, every watchdog is off, nothing hangs, and no thread is left.
+
+python -m tests.blocking.ctrl_c --scripts 0 --cells 0 --bare 100
+
+runs cells that only compute, without this package, and says how many of them the kernel never answers: of that nothing
+is ours.
 """
 
 from __future__ import annotations
@@ -19,7 +24,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
 from rs485bus import blocking
@@ -182,8 +187,13 @@ def run_scripts(count: int, seed: int) -> Counter[str]:
 # In a kernel
 
 _UNTIL_INTERRUPTED = 300.0
-"""Seconds that a cell waits for the interrupt that comes in any case. A kernel of Jupyter's that is interrupted when a
-cell has ended, in its own work, sends no reply to that cell, bus or no bus: that would look like a hang."""
+"""Seconds that a cell waits for the interrupt that comes in any case. A kernel of Jupyter's that is interrupted in its
+own work, before the cell's first line or behind the last one, sends no reply to that cell: without a bus that looks
+like a hang."""
+_NO_ANSWER = 5.0
+"""Seconds after which a cell that only computes is taken to be never answered."""
+_CELLS, _CLOSES = 4, 3
+"""How many kinds of cells there are, and which one closes its bus."""
 PLANT = Plant()
 BUS: blocking.Bus | None = None
 
@@ -213,6 +223,16 @@ def cell(which: int) -> None:
         time.sleep(_UNTIL_INTERRUPTED)  # with no bus open, a signal after the cell would meet the kernel's own work
 
 
+def press(info: object) -> None:
+    """Ctrl-C in the kernel's own work, before the first line of a cell."""
+    signal.raise_signal(signal.SIGINT)
+
+
+def is_open() -> bool:
+    """Whether a bus is open: an interrupt before the next cell's first line is ours then."""
+    return BUS is not None and not BUS.closed
+
+
 def seen(now: Callable[[], float] = time.monotonic) -> str:
     """What is wrong a moment after a cell was left, whether it was interrupted or not."""
     until = time.monotonic() + 3
@@ -224,40 +244,91 @@ def seen(now: Callable[[], float] = time.monotonic) -> str:
     return ", ".join(wrong) or "fine"
 
 
-async def run_cells(count: int, seed: int) -> Counter[str]:
-    """Run so many cells in a kernel, each interrupted at a moment of its own. Returns how they ended."""
-    import nbformat
-    from nbclient import NotebookClient
+class Notebook:
+    """A kernel of Jupyter's, and one cell after the other in it."""
 
-    draw = random.Random(seed)
-    ends: Counter[str] = Counter()
-    notebook = nbformat.v4.new_notebook()
-    where = {"metadata": {"path": str(_ROOT)}}
-    client = NotebookClient(notebook, timeout=_UNTIL_INTERRUPTED, allow_errors=True, resources=where)
-    number = 0
+    def __init__(self, timeout: float = _UNTIL_INTERRUPTED) -> None:
+        import nbformat
+        from nbclient import NotebookClient
 
-    async def execute(source: str, after: float | None = None) -> str:
-        nonlocal number
-        notebook.cells[:] = [nbformat.v4.new_code_cell(source)]
-        number += 1
-        run = asyncio.ensure_future(client.async_execute_cell(notebook.cells[0], 0, execution_count=number))
+        self._new_cell = nbformat.v4.new_code_cell
+        self._notebook = nbformat.v4.new_notebook()
+        where = {"metadata": {"path": str(_ROOT)}}
+        self._client = NotebookClient(self._notebook, timeout=timeout, allow_errors=True, resources=where)
+        self._number = 0
+
+    @contextlib.asynccontextmanager
+    async def kernel(self) -> AsyncIterator[None]:
+        """A new kernel while a block runs. It is killed at the end, whatever it does."""
+        async with self._client.async_setup_kernel(env={**os.environ, "PYTHONPATH": str(_ROOT)}):
+            try:
+                yield
+            finally:
+                await self._client.km.shutdown_kernel(now=True)
+
+    async def execute(self, source: str, after: float | None = None, *, begun: bool = True) -> str:
+        """Run a cell.
+
+        Args:
+            source: what is in it.
+            after: seconds after which it is interrupted.
+            begun: counted from when it has printed something, not from when it is sent.
+
+        Returns:
+            What it has printed, and the name of what it has raised.
+        """
+        cell = self._new_cell(source)
+        self._notebook.cells[:] = [cell]
+        self._number += 1
+        run = asyncio.ensure_future(self._client.async_execute_cell(cell, 0, execution_count=self._number))
         if after is not None:
-            while not notebook.cells[0].outputs:  # noqa: ASYNC110 - nbclient tells nobody
-                await asyncio.sleep(0.001)  # before, a signal meets the kernel's own work
+            while begun and not cell.outputs:  # noqa: ASYNC110 - nbclient tells nobody
+                await asyncio.sleep(0.001)
             await asyncio.sleep(after)
-            await client.km.interrupt_kernel()
-        outputs = (await run).outputs
+            await self._client.km.interrupt_kernel()
+        outputs = [output for output in (await run).outputs if output.get("name") != "stderr"]  # the log
         said = (output.get("text", "") or output.get("ename", "") for output in outputs)
         return "".join(said).removeprefix("begun\n")
 
-    async with client.async_setup_kernel(env={**os.environ, "PYTHONPATH": str(_ROOT)}):
-        assert not await execute("from tests.blocking import ctrl_c")
+
+async def run_cells(count: int, seed: int) -> Counter[str]:
+    """Run so many cells in a kernel, each interrupted at a moment of its own. Returns how they ended."""
+    draw = random.Random(seed)
+    ends: Counter[str] = Counter()
+    notebook = Notebook()
+    async with notebook.kernel():
+        assert not await notebook.execute("from tests.blocking import ctrl_c")
+        is_open = False
         for _ in range(count):
-            ended = await execute(f"ctrl_c.cell({draw.randrange(4)})", draw.uniform(0.0, 0.15))
-            said = await execute("print(ctrl_c.seen(), end='')")
+            which = draw.randrange(_CELLS)
+            closes = which == _CLOSES
+            ended = await notebook.execute(
+                f"ctrl_c.cell({which})", draw.uniform(0.0, 0.15), begun=closes or not is_open or draw.random() < 0.5
+            )
+            said, _, there = (await notebook.execute("print(ctrl_c.seen(), ctrl_c.is_open(), end='')")).rpartition(" ")
+            is_open = there == "True"
             ends[(ended or "done") if said == "fine" else said] += 1
             if ends.total() % 250 == 0:
                 print(f"{ends.total()} cells", flush=True)
+    return ends
+
+
+async def run_bare_cells(count: int, seed: int) -> Counter[str]:
+    """Run cells without this package, each interrupted at a moment of its own, and a new kernel where one fails."""
+    draw = random.Random(seed)
+    ends: Counter[str] = Counter()
+    while ends.total() < count:
+        notebook = Notebook(_NO_ANSWER)
+        async with notebook.kernel():
+            while ends.total() < count:
+                lasts = draw.uniform(0, 0.02)
+                source = f"import time\nuntil = time.perf_counter() + {lasts}\nwhile time.perf_counter() < until: pass"
+                try:
+                    ended = await notebook.execute(source, draw.uniform(0, 0.02), begun=False)
+                    ends["KeyboardInterrupt" if "KeyboardInterrupt" in ended else "done"] += 1
+                except Exception as error:
+                    ends[f"the kernel did not answer ({type(error).__name__})"] += 1
+                    break
     return ends
 
 
@@ -269,6 +340,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scripts", type=int, default=100)
     parser.add_argument("--cells", type=int, default=50)
+    parser.add_argument("--bare", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has its background jobs ignore it
@@ -276,6 +348,7 @@ def main() -> None:
     for what, ends in (
         ("scripts", run_scripts(given.scripts, given.seed)),
         ("cells", asyncio.run(run_cells(given.cells, given.seed)) if given.cells else Counter()),
+        ("cells without a bus", asyncio.run(run_bare_cells(given.bare, given.seed)) if given.bare else Counter()),
     ):
         print(f"{sum(ends.values())} {what}: {', '.join(f'{n} {end}' for end, n in ends.most_common())}", flush=True)
     print(f"{time.monotonic() - begun:.0f} s")

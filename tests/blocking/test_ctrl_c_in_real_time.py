@@ -50,6 +50,22 @@ def test_random_moments_in_the_cells_of_a_notebook() -> None:
     assert set(ends) <= {"KeyboardInterrupt", "done"}, ends
 
 
+def test_a_press_before_the_first_line_of_a_cell_stops_the_motors_and_takes_effect_in_it() -> None:
+    async def main() -> None:
+        notebook = ctrl_c.Notebook(60)
+        async with notebook.kernel():
+            await notebook.execute("from tests.blocking import ctrl_c; ctrl_c.cell(2)")
+            await notebook.execute("get_ipython().events.register('pre_run_cell', ctrl_c.press)")
+            said = await notebook.execute(
+                "ctrl_c.BUS.mks(1).run(300); import time; time.sleep(30); print('it went on')"
+            )
+            assert said == "KeyboardInterrupt"
+            await notebook.execute("get_ipython().events.unregister('pre_run_cell', ctrl_c.press)")
+            assert await notebook.execute("print(ctrl_c.seen(), ctrl_c.is_open())") == "fine True\n"
+
+    asyncio.run(main())
+
+
 def test_who_waits_sees_the_motor_stand_before_it_is_raised(bus: blocking.Bus) -> None:
     x = bus.mks(1)
     x.enable().wait()
@@ -104,10 +120,12 @@ class Pressed:
 
 def test_it_is_not_lost_where_python_ignores_what_is_raised(bus: blocking.Bus) -> None:
     pressed: Pressed | None = Pressed()
+    begun = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         pressed = None
         time.sleep(5)
     assert pressed is None
+    assert time.monotonic() - begun < 4  # it wakes who sleeps
 
 
 def test_a_program_that_ignores_it_goes_on_ignoring_it() -> None:

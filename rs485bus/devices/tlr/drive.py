@@ -364,7 +364,7 @@ class TlrDrive(Drive):
         return ramp + _EMERGENCY_STOP_TAKES
 
     def judgement(self, motion: Motion) -> StandstillDetector:
-        return TlrStopJudge(self.reads(), self.axis.rule)
+        return TlrStopJudge(self.reads(), self.axis.rule, lambda: self.state.so_by)
 
     def hears(self, request: Request) -> bool:
         """Whether it would act on this broadcast. The manual does not say whether it listens: taken for granted."""

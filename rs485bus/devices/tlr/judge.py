@@ -17,10 +17,12 @@ class TlrStopJudge(StandstillDetector):
     Args:
         reads: what may be asked, the most telling first.
         rule: how it is seen to stand.
+        so_by: the latest time at which what was answered last can have been so.
     """
 
-    def __init__(self, reads: Sequence[Request], rule: StandstillRule) -> None:
+    def __init__(self, reads: Sequence[Request], rule: StandstillRule, so_by: Callable[[], float]) -> None:
         self._reads = reads
+        self._so_by = so_by
         self._still = Standstill(rule)
 
     def ask(self, free: Callable[[Request], bool], now: float = 0.0) -> Request | None:
@@ -28,7 +30,7 @@ class TlrStopJudge(StandstillDetector):
 
     def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
         seen = report(payload(reply))
-        self._still.see(sent_at, seen.position, seen.moving)
+        self._still.see(sent_at, seen.position, seen.moving, by=self._so_by())
         if seen.moving:
             return False
         stands = seen.position is not None and self._still.verdict is True

@@ -91,7 +91,10 @@ class Gateways:
             self._poller.register(client, select.POLLIN)
             return
         assert gateway.client is not None
-        data = gateway.client.recv(4096)
+        try:
+            data = gateway.client.recv(4096)
+        except ConnectionResetError:
+            data = b""
         if not data:
             self._poller.unregister(fd)
             del self._of[fd]

@@ -39,6 +39,8 @@ _SLOW = Setting(baudrate=38400)
 """Sixteen buses at this rate take half of a core."""
 _UNITS = range(1, 9)
 _WARM_UP = 0.3
+_OURS, _THEIRS = cores()
+"""The core of the libraries and that of the gateways: asked for before this process keeps to one."""
 
 Read = Callable[[int], Awaitable[object]]
 Figures = tuple[float, float]
@@ -130,8 +132,7 @@ async def _bare(ports: Sequence[int], seconds: float) -> Figures:
 
 @contextlib.contextmanager
 def _gateways(count: int, mbap: bool, setting: Setting) -> Iterator[list[int]]:
-    _, core = cores()
-    options = {"count": count, "mbap": mbap, "baudrate": setting.baudrate, "core": core}
+    options = {"count": count, "mbap": mbap, "baudrate": setting.baudrate, "core": _THEIRS}
     command = [sys.executable, "-m", "benchmarks.gateway_line", json.dumps(options)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE)
     try:
@@ -183,9 +184,8 @@ def main() -> None:
     parser.add_argument("--turns", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=3.0)
     options = parser.parse_args()
-    core, _ = cores()
-    if core is not None:
-        os.sched_setaffinity(0, {core})
+    if _OURS is not None:
+        os.sched_setaffinity(0, {_OURS})
     for name, run in (("tcp", tcp), ("buses", buses)):
         if options.what in (None, name):
             run(options.turns, options.seconds)

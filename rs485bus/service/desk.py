@@ -113,7 +113,8 @@ class Desk:
                 return [
                     said for asker in order.askers for said in self._refuse(order.id, asker, error, now, order.name)
                 ]
-            return [Say(asker, former.answer) for asker in order.askers]
+            # The clock may have been set since: who is answered goes by the time in it.
+            return [Say(asker, former.answer.model_copy(update={"now": now})) for asker in order.askers]
         kept = order.problem is None
         if kept:
             try:

@@ -52,6 +52,8 @@ class Office:
         self._ids = itertools.count(1)
         self.said: list[tuple[Asker, Answer]] = []
         self.begun: list[tuple[str, float]] = []
+        self.halts_before: dict[str, int] = {}
+        """How many stops there had been when each request was begun."""
         self.running: dict[str, Order] = {}
         self.halts: list[tuple[Halt, float]] = []
         self.set_points: list[tuple[str, tuple[float, ...], float]] = []
@@ -158,6 +160,7 @@ class Office:
                     self.to_write.append(decision)
                 case Begin(order):
                     self.begun.append((order.id, self.now))
+                    self.halts_before[order.id] = len(self.halts)
                     self.running[order.id] = order
                     self.do(self.desk.began(order, Answer(id=order.id, outcome="begun", now=self.now)))
                 case Cancel(order):

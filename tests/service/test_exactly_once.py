@@ -1,4 +1,5 @@
-"""Clients that repeat themselves, messages that are late, stops, silences and restarts, in any order."""
+"""Clients that repeat themselves and whose clocks are wrong, messages that are late, stops, silences, and restarts in
+which the clock is set, in any order."""
 
 from __future__ import annotations
 
@@ -25,6 +26,7 @@ class Clients(RuleBasedStateMachine):
         self.office = Office()
         self.leases: dict[str, int] = {}
         self.made: dict[str, tuple[str, Request]] = {}
+        self.halts_when_said: dict[str, int] = {}
         self.repeats = 0
         self.seen_halts = 0
         self.begun_before = 0
@@ -39,9 +41,16 @@ class Clients(RuleBasedStateMachine):
         if answer.outcome == "done":
             self.leases[client] = answer.value["lease"]
 
-    @rule(target=requests, client=CLIENTS, name=NAMES, late=st.sampled_from([0, 0, 0.1, 0.6]), at=st.booleans())
-    def says(self, client: str, name: str, late: float, at: bool) -> str:
-        now = self.office.now
+    @rule(
+        target=requests,
+        client=CLIENTS,
+        name=NAMES,
+        late=st.sampled_from([0, 0, 0.1, 0.6]),
+        at=st.booleans(),
+        ahead=st.sampled_from([0, 0, 0, 0.3, 7]),
+    )
+    def says(self, client: str, name: str, late: float, at: bool, ahead: float) -> str:
+        now = self.office.now + ahead
         said = Request(
             id=f"m{len(self.made)}",
             client=client,
@@ -51,6 +60,8 @@ class Clients(RuleBasedStateMachine):
             at=now + 0.3 if at else None,
         )
         self.made[said.id] = (name, said)
+        if not ahead:  # of who is ahead nobody knows when it was said
+            self.halts_when_said[said.id] = len(self.office.halts)
         self.office.wait(late)
         self.office.say(name, "home", said)
         return said.id
@@ -95,11 +106,12 @@ class Clients(RuleBasedStateMachine):
         if self.office.running:
             self.office.end(next(iter(self.office.running)))
 
-    @rule()
-    def the_service_is_killed(self) -> None:
+    @rule(pause=st.sampled_from([0.1, 0.1, 50.0, -0.5, -20.0]))
+    def the_service_is_killed(self, pause: float) -> None:
+        """It is started again after a pause; the clock may have been set meanwhile."""
         self.killed |= set(self.office.running)
         held = {axis for request in self.office.running for axis in AXES[self.made[request][0]]}
-        _, axes = self.office.restart()
+        _, axes = self.office.restart(pause)
         assert held <= axes, "what moved when the service was killed must be known to the next one"
 
     @invariant()
@@ -109,10 +121,11 @@ class Clients(RuleBasedStateMachine):
 
     @invariant()
     def nothing_is_begun_after_a_stop_that_it_is_older_than_nor_without_control(self) -> None:
-        for request, at in self.office.begun[self.begun_before :]:
+        for request, _ in self.office.begun[self.begun_before :]:
             name, said = self.made[request]
-            for halt, stopped in self.office.halts:
-                assert not halt.axes & AXES[name] or not said.sent <= stopped <= at
+            since = self.halts_when_said.get(request, self.office.halts_before[request])
+            for halt, _ in self.office.halts[since : self.office.halts_before[request]]:
+                assert not halt.axes & AXES[name]
             lease = self.office.desk.leases.get(said.lease, said.client)
             assert request not in self.office.running or (lease is not None and AXES[name] <= lease.axes)
         self.begun_before = len(self.office.begun)

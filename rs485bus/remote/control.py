@@ -42,6 +42,7 @@ class Control:
             NotInControl: another client commands one of them, or control was lost and not taken again since.
         """
         async with self._lock:
+            self._check_plant()
             if self.lost:
                 raise NotInControl(
                     f"Control was lost: {self.lost} The axes were stopped. Nothing was done. take_control() to go on."
@@ -55,6 +56,7 @@ class Control:
     async def take(self, axes: Iterable[str]) -> None:
         """Take control of axes, after it was lost, too."""
         async with self._lock:
+            self._check_plant()
             self.lost = ""
             await self._take(frozenset(axes) | self._axes)
 
@@ -69,6 +71,13 @@ class Control:
     def close(self) -> None:
         """Show presence no more."""
         self._stop_keeping()
+
+    def _check_plant(self) -> None:
+        if self._session.changed:
+            raise NotInControl(
+                f"{self._session.topics.plant} was started again as another plant: its axes, their units, speeds or "
+                "limits are not those that this client was made for. Nothing was done. Look, then connect anew."
+            )
 
     async def _take(self, axes: frozenset[str]) -> None:
         session = self._session

@@ -67,6 +67,8 @@ class Session:
         self.clock = RemoteClock()
         self.requests = PendingRequests(patience)
         self.plant: Description | None = None
+        self.changed = False
+        """The service was started again with another plant than the one that this client was made for."""
         self.reports: dict[str, AxisReport] = {}
         self.buses: dict[str, BusReport] = {}
         self.on_report: list[Callable[[str, AxisReport], None]] = []
@@ -377,12 +379,18 @@ class Session:
         self._trouble = None
         if told.status == "online":
             if former is not None and former.session != told.session:
+                self.changed |= _facts(former) != _facts(told)
                 self.clock.reset()
                 self.ask(PLANT, "time", {}, f"the time of {self.topics.plant}").seen = True
             self._found.set()
             self._repeat(anew=True)  # what was said while it was not there has reached nobody
         elif former is None:
             self._loop.call_later(_FOUND / 2, self._found.set)  # it may be about to come back
+
+
+def _facts(plant: Description) -> object:
+    """What a client relies on: an axis whose unit has become another one would go somewhere else."""
+    return plant.axes, plant.groups, plant.vehicles
 
 
 def new_id() -> str:

@@ -16,7 +16,7 @@ VEHICLE = "vehicle"
 
 def level(what: str, name: str) -> str:
     """A name as a level of a topic. Raises `ValueError` for one that cannot be."""
-    if not _NAME.fullmatch(name):
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ValueError(f"{what} {name!r} cannot be part of a topic: letters, digits, '_', '.' and '-' are allowed")
     return name
 

@@ -14,12 +14,12 @@ import aiomqtt
 import pytest
 
 from benchmarks.service.mosquitto import Mosquitto
-from rs485bus.errors import BrokerError, MoveCancelled, NotSent
+from rs485bus.errors import BrokerError, MoveCancelled, NotInControl, NotSent
 from rs485bus.plant import Plant
 from rs485bus.service.schema import Description, write
 from rs485bus.service.topics import Topics
 from tests.real.support import in_real_time
-from tests.service.serving import connect, serving, unlike_any_other
+from tests.service.serving import CELL, connect, serving, unlike_any_other
 
 
 def shaft(plant: Plant) -> float:
@@ -169,6 +169,29 @@ def test_who_looks_goes_on_looking_when_the_service_was_started_again(tmp_path: 
             question = cell.x.position()
             async with serving(tmp_path, broker.url, name=name):
                 assert await question == 0
+
+    in_real_time(main, 30)
+
+
+def test_who_was_made_for_another_plant_may_look_and_stop_and_moves_nothing(tmp_path: Path, broker: Mosquitto) -> None:
+    """Three millimetres would be three turns."""
+    name = unlike_any_other()
+    in_mm = CELL.replace("address = 1", 'address = 1\nunits_per_turn = 8\nunit = "mm"')
+
+    async def main() -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            async with serving(tmp_path, broker.url, in_mm, name=name):
+                cell = await stack.enter_async_context(connect(broker.url, plant=name))
+                await cell.x.enable()
+            await wait_for(lambda: cell.description.status == "offline")
+            async with serving(tmp_path, broker.url, name=name) as (plant, _):
+                await wait_for(lambda: cell.description.status == "online")
+                for act in (cell.x.enable(), cell.take_control(), cell.x.move_to(3.0)):
+                    with pytest.raises(NotInControl, match="started again as another plant"):
+                        await act
+                assert await cell.x.position() == 0
+                await cell.x.stop()
+                assert shaft(plant) == 0
 
     in_real_time(main, 30)
 

@@ -39,8 +39,7 @@ class Intake:
     def order(
         self, topic: str, payload: bytes, asker: Asker | None, now: float, *, retained: bool
     ) -> tuple[Order, Verb]:
-        """A request. Raises `RequestMalformed` for what is none."""
-        refuse_retained(retained)
+        """A request, with its `problem` if it has one. Raises `RequestMalformed` for what is none."""
         if asker is None:
             raise RequestMalformed(
                 "A request needs a response topic (MQTT 5), so that what becomes of it can be told. Nothing was done."
@@ -75,12 +74,7 @@ class Intake:
             _digest(topic, said),
             [asker],
         )
-        if said.sent > now + AHEAD:
-            # Not that it was not done: a service whose clock was ahead may have.
-            order.problem = RequestMalformed(
-                f"It was sent {said.sent - now:.3f} s from now, by the service's clock: ask the service for its time. "
-                "Nothing was done."
-            )
+        order.problem = _problem(said, now, retained)
         return order, verb
 
     def halt(self, payload: bytes, asker: Asker | None, *, emergency: bool) -> Halt:
@@ -120,6 +114,21 @@ def check_age(order: Order, now: float) -> None:
     if order.expires <= now:
         late = now - order.expires
         raise NotSent(f"{order.name} {order.verb} expired {late:.3f} s before it came in. Nothing was done.")
+
+
+def _problem(said: Request, now: float, retained: bool) -> RequestMalformed | None:
+    """Why a request must not be begun, which does not tell that it was not: it may have been said before, without being
+    retained, or to a service whose clock was ahead."""
+    try:
+        refuse_retained(retained)
+    except RequestMalformed as error:
+        return error
+    if said.sent <= now + AHEAD:
+        return None
+    return RequestMalformed(
+        f"It was sent {said.sent - now:.3f} s from now, by the service's clock: ask the service for its time. "
+        "Nothing was done."
+    )
 
 
 def refuse_retained(retained: bool) -> None:

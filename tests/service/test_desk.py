@@ -111,6 +111,20 @@ def test_what_was_done_before_the_clock_was_set_back_is_not_said_to_be_undone(en
     assert office.times_begun(move.id) == 1
 
 
+@pytest.mark.parametrize("first", [True, False])
+def test_a_request_that_is_said_retained_and_plainly_has_one_end(first: bool) -> None:
+    office = Office()
+    move = office.move(lease=office.take("x"), retained=first)
+    office.write()
+    office.say("x", "move_to", move, retained=not first, asker=Asker(TOPICS.reply("a"), b"again"))
+    office.write()
+    if not first:
+        office.end(move.id)
+        office.write()
+    assert [answer.outcome for answer in office.answers(move.id)] == [["done", "done"], ["refused", "refused"]][first]
+    assert office.times_begun(move.id) == (not first)
+
+
 def test_what_was_refused_for_its_clock_is_not_begun_later() -> None:
     office = Office()
     lease = office.take("x", seconds=60)

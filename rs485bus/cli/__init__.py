@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 
@@ -22,7 +23,7 @@ _EXTRAS = {
 
 def main() -> None:
     """Run the command, or say what it needs."""
-    _open_closed_streams()
+    _make_streams_usable()
     try:
         from rs485bus.cli.app import main as run
 
@@ -46,8 +47,12 @@ def what_to_install(missing: ModuleNotFoundError) -> str | None:
     )
 
 
-def _open_closed_streams() -> None:
-    """Take nobody for who reads and types, where a process was started without its standard streams."""
+def _make_streams_usable() -> None:
+    """See to it that what is said ends no command: where a process was started without its standard streams, and where
+    an encoding has no ° and no arrows (the locale C, pipes on Windows)."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - it is open as long as the process
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")

@@ -7,7 +7,8 @@ import dataclasses
 import enum
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ from rich.text import Text
 
 from rs485bus.cli.process import DONE, UNKNOWN, WrongUse, console, exit_code, tell
 from rs485bus.cli.session import Where, axis_named, open_plant
-from rs485bus.errors import NotEnabled, NotSupported
+from rs485bus.errors import NotEnabled, NotSupported, PortBusy
 from rs485bus.plant import AxisEntry, Plant
 
 _REFRESH = 0.1
@@ -253,9 +254,23 @@ def tell_interruption(what: dict[str, Any], cancelled: asyncio.CancelledError) -
     print(json.dumps({**what, "done": False, "error": "Interrupted", "message": message}))
 
 
+@asynccontextmanager
+async def _held_by_none(opening: AbstractAsyncContextManager[Plant]) -> AsyncIterator[Plant]:
+    """Open a plant that is to be stopped. Where another program holds its port, say how that one stops it."""
+    try:
+        async with opening as plant:
+            yield plant
+    except PortBusy as error:
+        error.add_note(
+            "Only the program that holds the port can stop these drives by the bus: interrupt it there, by Ctrl-C or "
+            "kill -INT and its number. Or use the hard-wired emergency stop."
+        )
+        raise
+
+
 async def stop_all(where: Where, as_json: bool) -> int:
     """Stop every drive as fast as it can, and say which were seen to stand. Returns 3 if one was not."""
-    async with open_plant(where, watchdogs=False) as plant:
+    async with _held_by_none(open_plant(where, watchdogs=False)) as plant:
         reports = await plant.emergency_stop()
         devices = [device for report in reports.values() for device in report.devices]
         names = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import os
 import sys
 from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
@@ -35,9 +36,12 @@ def show(opening: Callable[[], AbstractAsyncContextManager[Watching]], title: Ca
 
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise WrongUse("monitor draws on a terminal and reads its keys: run it in one, not in a pipe.")
+    if os.environ.get("TERM") == "dumb":
+        raise WrongUse("monitor draws, and this terminal cannot (TERM=dumb). rs485bus record writes what happens.")
     with BusThread(opening) as buses:
-        MonitorApp(buses, title()).run()
-    return DONE
+        app = MonitorApp(buses, title())
+        app.run()
+    return app.return_code or DONE
 
 
 async def run_record(where: Where, out: Path, *, every: float, seconds: float | None, max_bytes: int, keep: int) -> int:

@@ -21,6 +21,7 @@ from rs485bus.monitor.snapshot import AxisSight, BusSight, Snapshot
 from rs485bus.monitor.thread import BusThread
 
 _EVERY = 0.2
+_INTERRUPTED = 130
 _WIDE = 110
 """Columns from which on the bytes stand beside their meaning."""
 _COLUMNS = ((" axis", 13), ("state", 8), ("position", 15), ("target", 9), ("rpm", 7), ("set", 6), ("watchdog", 11))
@@ -58,6 +59,7 @@ class MonitorApp(App[None]):
         Binding("e", "emergency_stop", "Emergency stop"),
         Binding("p", "pause", "Pause view"),
         Binding("q", "quit", "Quit"),
+        Binding("ctrl+c", "quit", show=False, priority=True),
     ]
     ENABLE_COMMAND_PALETTE = False
 
@@ -84,7 +86,7 @@ class MonitorApp(App[None]):
         loop = asyncio.get_running_loop()
         for number in (getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)):
             with contextlib.suppress(NotImplementedError):  # Windows
-                loop.add_signal_handler(number, self.exit)
+                loop.add_signal_handler(number, self.exit, None, _INTERRUPTED)
         self.set_interval(_EVERY, self._refresh)
         self._refresh()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 from collections.abc import Iterator
@@ -12,35 +13,28 @@ _PTS_MAJOR = 136
 
 
 def holders(port: str) -> dict[int, str]:
-    """The processes that have a port open: their names by their numbers. It takes some time."""
+    """The processes that have a port open: their names by their numbers. It takes some time.
+
+    Another process that holds the other end of a pseudo-terminal is none of them.
+    """
     try:
         device = os.stat(port).st_rdev
     except OSError:
         return {}
     found = {}
     for process in _processes():
-        if any(_device(descriptor) == device for descriptor in _descriptors(process)):
-            try:
-                found[int(process.name)] = (process / "comm").read_text().strip()
-            except OSError:
-                continue
+        if not any(_device(descriptor) == device for descriptor in _descriptors(process)):
+            continue
+        number = int(process.name)
+        if number == os.getpid() or not _is_other_end(number, device):
+            with contextlib.suppress(OSError):  # it has ended
+                found[number] = (process / "comm").read_text().strip()
     return found
 
 
 def others(port: str) -> list[str]:
-    """The other programs that have a port open, such as "cat (process 123)".
-
-    What holds the other end of a pseudo-terminal is none of them.
-    """
-    try:
-        device = os.stat(port).st_rdev
-    except OSError:
-        return []
-    return [
-        f"{name} (process {number})"
-        for number, name in sorted(holders(port).items())
-        if number != os.getpid() and not _is_other_end(number, device)
-    ]
+    """The other programs that have a port open, such as "cat (process 123)". As `holders`."""
+    return [f"{name} (process {number})" for number, name in sorted(holders(port).items()) if number != os.getpid()]
 
 
 def _is_other_end(process: int, device: int) -> bool:

@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import serial
 
 from rs485bus.cli import main, process
 from rs485bus.cli.axis import Order, run_order
@@ -185,6 +186,21 @@ def test_a_command_without_streams_does_what_it_does(monkeypatch: pytest.MonkeyP
         stream.close()
 
 
+@posix
+def test_an_encoding_without_all_characters_ends_no_command() -> None:
+    command = (sys.executable, "-m", "rs485bus", "settings", "read", "zlac4.left", "--sim")
+    result = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )
+    assert result.returncode == 0, result.stderr
+    assert "drive_temperature_limit" in result.stdout
+
+
 def test_a_full_disk_is_told_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     assert process.tell(OSError(errno.ENOSPC, "No space left on device")) == 1
     assert "the output cannot be written: No space left on device" in capsys.readouterr().err
@@ -236,6 +252,19 @@ def test_how_to_be_allowed_is_said_for_the_group_that_has_the_port(
     assert "sudo usermod -aG uucp $USER" in how_to_be_allowed("/dev/ttyUSB0")
     members.append(me)
     assert "since you logged in: log out, and in again" in how_to_be_allowed("/dev/ttyUSB0")
+
+
+@posix
+def test_who_holds_a_port_is_told_how_to_stop_its_motors() -> None:
+    with serving(SimMks(1)) as port:
+        held = serial.Serial(port, exclusive=True)
+        try:
+            result = invoke("estop", "--port", port, *DRIVE)
+        finally:
+            held.close()
+    assert f"PortBusy: {port} is in use by" in result.said
+    assert "interrupt it there, by Ctrl-C or kill -INT and its number" in result.said
+    assert result.returncode == 4
 
 
 @posix

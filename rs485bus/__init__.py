@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rs485bus.bus.bus import Bus
     from rs485bus.bus.config import BusConfig
+    from rs485bus.bus.handle import Handle
     from rs485bus.bus.opening import open_bus
+    from rs485bus.bus.record import BusStats, Record
     from rs485bus.bus.schedule.job import Urgency
+    from rs485bus.bus.unit import Unit
+    from rs485bus.bus.watchdog.guarding import EmergencyReport
     from rs485bus.devices.mks import MksServo
     from rs485bus.devices.tlr import TlrStepper
     from rs485bus.devices.zlac import DifferentialDrive, Zlac8015d
+    from rs485bus.motion.axis import Axis
     from rs485bus.motion.group.axis_group import AxisGroup, GroupMove
     from rs485bus.motion.move import Move, MoveState
     from rs485bus.plant import Plant
@@ -20,36 +25,48 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Axis",
     "AxisGroup",
     "Bus",
     "BusConfig",
+    "BusStats",
     "DifferentialDrive",
+    "EmergencyReport",
     "GroupMove",
+    "Handle",
     "LineSettings",
     "MksServo",
     "Move",
     "MoveState",
     "Plant",
+    "Record",
     "Repeat",
     "TlrStepper",
+    "Unit",
     "Urgency",
     "Zlac8015d",
     "open_bus",
 ]
 
 _HOMES = {
+    "Axis": "motion.axis",
     "AxisGroup": "motion.group.axis_group",
     "Bus": "bus.bus",
     "BusConfig": "bus.config",
+    "BusStats": "bus.record",
     "DifferentialDrive": "devices.zlac",
+    "EmergencyReport": "bus.watchdog.guarding",
     "GroupMove": "motion.group.axis_group",
+    "Handle": "bus.handle",
     "LineSettings": "wire.timing",
     "MksServo": "devices.mks",
     "Move": "motion.move",
     "MoveState": "motion.move",
     "Plant": "plant",
+    "Record": "bus.record",
     "Repeat": "wire.registers",
     "TlrStepper": "devices.tlr",
+    "Unit": "bus.unit",
     "Urgency": "bus.schedule.job",
     "Zlac8015d": "devices.zlac",
     "open_bus": "bus.opening",

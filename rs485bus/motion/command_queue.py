@@ -189,9 +189,10 @@ class CommandQueue:
         me = asyncio.current_task()
         try:
             while self._waiting:
-                if not await self.held():
-                    self._cancel_waiting(MoveCancelled(f"Cancelled: {self._name} was not seen standing before it."))
-                    break
+                if self._hold is not None:
+                    if not await self.held():
+                        self._cancel_waiting(MoveCancelled(f"Cancelled: {self._name} was not seen standing before it."))
+                    continue  # meanwhile what waited may have been taken out, or another stop have begun
                 handle, carry_out = self._waiting.popleft()
                 self._current = handle
                 self._end_block()

@@ -112,3 +112,20 @@ def test_pdoc_makes_pages_of_it(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     page = (tmp_path / "rs485bus" / "blocking.html").read_text()
     assert "open_bus" in page
+
+
+def test_what_an_applications_annotations_need_is_imported_from_the_package_itself() -> None:
+    package = importlib.import_module("rs485bus")
+    for name in (
+        "Axis",
+        "BusStats",
+        "EmergencyReport",
+        "GroupMove",
+        "Handle",
+        "LineSettings",
+        "Move",
+        "Record",
+        "Unit",
+    ):
+        assert isinstance(getattr(package, name), type)
+        assert name in package.__all__

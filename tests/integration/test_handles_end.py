@@ -1,6 +1,7 @@
 """A command's handle ends for everybody who waits for it, whatever a callback does and wherever it is awaited."""
 
 import asyncio
+import gc
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -164,3 +165,22 @@ def test_a_handle_whose_own_event_loop_stands_still_is_not_waited_for_in_another
         task.cancel()
         loop.run_until_complete(asyncio.wait([task]))
     assert moves[0].done()
+
+
+@virtual
+async def test_a_command_that_is_cancelled_behind_a_stop_that_is_being_seen_leaves_no_task_that_has_failed() -> None:
+    complaints: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: complaints.append(context))
+    async with bus_on(plant()) as (_, (x,)):
+        await x.enable()
+        first = x.run(300)
+        await asyncio.sleep(0.2)
+        first.cancel()
+        second = x.run(60, replace=True)
+        await asyncio.sleep(0.01)  # its worker waits for the stop of the first
+        second.cancel()
+        await asyncio.sleep(2)
+        assert second.done()
+        assert await x.move_by(0.25) is not None
+    gc.collect()
+    assert complaints == []

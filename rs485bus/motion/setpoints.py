@@ -245,6 +245,7 @@ class SetpointStream:
         self._stopped = stopped
         self._move: Move | None = None
         self._is_ended = False
+        self._joined: tuple[Setpoint, asyncio.Event] | None = None
 
     @property
     def over(self) -> bool:
@@ -262,7 +263,8 @@ class SetpointStream:
         assert self._move is not None
         self._move.add_done_callback(lambda move: callback(move.error))
 
-    async def __aenter__(self) -> Setpoint:
+    def join(self) -> None:
+        """Join the queue of the axis. Who enters the block then waits for its turn there."""
         started, self._is_ended = asyncio.Event(), False
 
         def begun() -> None:
@@ -272,6 +274,22 @@ class SetpointStream:
 
         self._move, setpoint = self._begin(begun)
         self._move.add_done_callback(lambda _: started.set())
+        self._move._end_block = self.end  # also where somebody drains the axis before the block is entered
+        self._joined = setpoint, started
+
+    def withdraw(self) -> None:
+        """Leave the queue again."""
+        if self._move is not None:
+            self._move.seen = True
+            self._move.cancel()
+        self._joined = None
+
+    async def __aenter__(self) -> Setpoint:
+        if self._joined is None:
+            self.join()
+        assert self._joined is not None
+        assert self._move is not None
+        (setpoint, started), self._joined = self._joined, None
         await begin_block((self._move,), started, self.end)
         if self._move.done():
             await self._move.wait()

@@ -17,7 +17,8 @@ GONE = -1.0
 """An admission: the job is not worth sending any more; it leaves the queue."""
 
 _PATIENCE = 3
-"""Commands after which a poll that waited all the while has its turn."""
+"""Commands after which a poll that waited all the while has its turn; looks after which commands and polls have one."""
+_SOON = (Urgency.FEED, Urgency.CONFIRM)
 _REST = (Urgency.COMMAND, Urgency.POLL)
 _POLLS_FIRST = (Urgency.POLL, Urgency.COMMAND)
 
@@ -28,13 +29,15 @@ Admission = Callable[[Job], float]
 class Queue:
     """Jobs that wait for the wire."""
 
-    __slots__ = ("_lanes", "_passed", "size")
+    __slots__ = ("_lanes", "_looks", "_passed", "size")
 
     def __init__(self) -> None:
         # Lines are ordered dicts keyed by the job itself: O(1) to append, to take the first and to leave anywhere.
         self._lanes: tuple[OrderedDict[int, OrderedDict[Job, None]], ...] = tuple(OrderedDict() for _ in Urgency)
         self._passed = 0
         """How many commands in a row have gone before a poll that waited."""
+        self._looks = 0
+        """How many looks and set-points in a row have gone before commands and polls that waited."""
         self.size = 0
 
     def put(self, job: Job, *, first: bool = False) -> None:
@@ -89,6 +92,26 @@ class Queue:
                             lane.move_to_end(address)
                         return job, 0.0
         return None, again
+
+    def take_soon(self, admit: Admission) -> tuple[Job | None, float]:
+        """As `take`, for feeds, and for looks and set-points.
+
+        Where drives are slow these would fill the wire, and nothing else would ever end: after some of them the rest
+        has a turn.
+        """
+        if self._looks >= _PATIENCE:
+            self._looks = 0
+            job, _ = self.take(admit, (Urgency.FEED,))
+            if job is None:
+                job, _ = self.take_rest(admit)
+            if job is not None:
+                return job, 0.0
+        job, again = self.take(admit, _SOON)
+        if job is not None and job.urgency is Urgency.CONFIRM and (self.has(Urgency.COMMAND) or self.has(Urgency.POLL)):
+            self._looks += 1
+        else:
+            self._looks = 0
+        return job, again
 
     def take_rest(self, admit: Admission) -> tuple[Job | None, float]:
         """As `take`, for commands and polls.

@@ -28,7 +28,6 @@ from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.wire.frames import Request
 
 _STOPS = (Urgency.STOP,)
-_SOON = (Urgency.FEED, Urgency.CONFIRM)
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 _READS = 4
 """Reads, at most, of which one is looked for that is in nobody's way."""
@@ -124,7 +123,7 @@ class Selector:
             other = self._take_its_turn() if self._feeding.strain.yields else None
             return self._feed(watch, wake) if other is None else (other, wake)
         wake = min(wake, self._feeding.look_at)
-        job, again = self._queue.take(self._admit, _SOON)
+        job, again = self._queue.take_soon(self._admit)
         if job is not None or kept:
             return job, min(wake, again)
         # Looking for lost units is rationed; what is due of it is not put off by traffic.
@@ -178,7 +177,7 @@ class Selector:
         """What else goes before a feed, if there is anything, and time for it."""
         if not self._queue.size:
             return None
-        job, _ = self._queue.take(self._admit, _SOON)
+        job, _ = self._queue.take_soon(self._admit)
         if job is None:
             job, _ = self._queue.take_rest(self._admit)
         if job is None:

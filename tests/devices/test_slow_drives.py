@@ -1,0 +1,103 @@
+"""Drives that answer slowly: looks at what moves fill the wire, and yet nobody waits for ever."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from rs485bus import AxisGroup, Bus, MksServo, Zlac8015d, open_bus
+from rs485bus.sim import SimMks, SimZlac, VirtualLine
+from tests.devices.stream_rig import now
+from tests.integration.support import virtual
+
+SLOW = (0.03, 0.06, 0.09)
+
+
+@asynccontextmanager
+async def slow(turnaround: float, drives: int = 2) -> AsyncIterator[tuple[Bus, list[MksServo], list[SimMks]]]:
+    """Drives that take so many seconds before they answer, enabled."""
+    sims = [SimMks(address) for address in range(1, drives + 1)]
+    async with open_bus(VirtualLine(*sims, turnaround=turnaround)) as bus:
+        axes = [MksServo(bus, sim.address) for sim in sims]
+        await asyncio.gather(*(axis.enable().wait() for axis in axes))
+        yield bus, axes, sims
+
+
+@pytest.mark.parametrize("turnaround", SLOW)
+@virtual
+async def test_streams_of_slow_drives_are_told_each_change_and_end(turnaround: float) -> None:
+    async with slow(turnaround) as (_, axes, sims):
+        async with asyncio.timeout(20), AxisGroup(x=axes[0], y=axes[1]).stream() as setpoint:
+            for rpm in (60, -60, 90):
+                for _ in range(30):
+                    setpoint(x=rpm, y=rpm)
+                    before = [sim.shaft(now()) for sim in sims]
+                    await asyncio.sleep(0.05)
+                turned = [sim.shaft(now()) - place for sim, place in zip(sims, before, strict=True)]
+                assert turned == [pytest.approx(rpm / 60 * 0.05, rel=0.05)] * 2
+        assert not any(sim.moving(now()) for sim in sims)
+
+
+@pytest.mark.parametrize("turnaround", SLOW)
+@virtual
+async def test_a_set_point_that_is_too_old_stops_slow_drives_too(turnaround: float) -> None:
+    async with slow(turnaround) as (_, axes, sims), AxisGroup(x=axes[0], y=axes[1]).stream() as setpoint:
+        for _ in range(10):
+            setpoint(x=60, y=60)
+            await asyncio.sleep(0.05)
+        await asyncio.sleep(0.25 + 6 * turnaround + 0.3)
+        assert not any(sim.moving(now()) for sim in sims)
+
+
+@virtual
+async def test_questions_and_commands_to_others_are_answered_while_looks_at_slow_drives_fill_the_wire() -> None:
+    async with slow(0.06, drives=3) as (bus, axes, _), asyncio.timeout(40):
+        async with AxisGroup(x=axes[0], y=axes[1]).stream() as setpoint:
+            took = []
+            for _ in range(12):
+                setpoint(x=60, y=60)
+                begun = now()
+                await bus.unit(3).read_input_registers(0x30, 3)
+                setpoint(x=70, y=70)
+                await axes[2].enable()
+                took.append(now() - begun)
+        assert max(took) < 2.5
+
+
+@virtual
+async def test_a_group_s_stream_and_a_command_of_both_wheels_wait_for_each_other_in_one_order() -> None:
+    """The stream begins on one axis after the other; what both wheels do together must not come in between."""
+    sims: tuple[Any, ...] = (SimZlac(1), SimMks(2))
+    async with open_bus(VirtualLine(*sims)) as bus:
+        base, x = Zlac8015d(bus, 1), MksServo(bus, 2)
+        base.enable()
+        x.enable()
+        group = AxisGroup(left=base.left, right=base.right, x=x)
+
+        async def stream() -> None:
+            async with group.stream() as setpoint:
+                setpoint(left=30, right=30, x=30)
+                await asyncio.sleep(0.2)
+
+        streaming = asyncio.ensure_future(stream())
+        for _ in range(8):
+            await asyncio.sleep(0.01)
+            base.clear_fault()
+        async with asyncio.timeout(20):
+            await streaming
+            await bus.drain()
+
+
+@virtual
+async def test_streams_of_the_same_axes_named_in_another_order_follow_each_other() -> None:
+    async with slow(0.002) as (_, axes, _), asyncio.timeout(20):
+        groups = AxisGroup(x=axes[0], y=axes[1]), AxisGroup(y=axes[1], x=axes[0])
+
+        async def stream(group: AxisGroup) -> None:
+            async with group.stream() as setpoint:
+                setpoint(x=30, y=30)
+                await asyncio.sleep(0.2)
+
+        await asyncio.gather(*map(stream, groups))

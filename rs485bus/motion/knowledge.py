@@ -21,6 +21,8 @@ from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request
 
 _LOOK_AGAIN = 0.005
+_ROUND = 1.5
+"""How many times as long as the last look at a position the next one may take."""
 _ATTEMPTS = 3
 """How often something is asked that is refused, whose answer tells nothing or may have been that to something older."""
 _REFUSED = 0.02
@@ -149,12 +151,16 @@ class AxisKnowledge:
         if still.verdict is True and still.until > self._bus.now() - FRESH:
             return True
         await self.afresh(Fact.POSITION)
-        while still.is_in_doubt(FRESH):
+        longest = FRESH
+        while still.is_in_doubt(longest):
+            begun = self._bus.now()
             if not still.confirmed:
                 await self.know((Fact.RUNNING,), since=still.since)
             again = max(still.since + rule.apart, still.until + _LOOK_AGAIN)
             await anyio.sleep(max(0.0, again - self._bus.now()))
             await self.afresh(Fact.POSITION)
+            # Where each answer takes its time, no two positions are closer together.
+            longest = max(longest, _ROUND * (self._bus.now() - begun))
         return still.verdict is True
 
     async def see_restart(self, *facts: Fact) -> None:

@@ -10,6 +10,7 @@ import pytest
 from rs485bus import AxisGroup, Bus, MksServo, Zlac8015d, open_bus
 from rs485bus.sim import SimMks, SimZlac, VirtualLine
 from tests.devices.stream_rig import now
+from tests.devices.test_setpoints_on_the_wire import lose, writes_to
 from tests.integration.support import virtual
 
 SLOW = (0.03, 0.06, 0.09)
@@ -101,3 +102,17 @@ async def test_streams_of_the_same_axes_named_in_another_order_follow_each_other
                 await asyncio.sleep(0.2)
 
         await asyncio.gather(*map(stream, groups))
+
+
+@virtual
+async def test_a_run_whose_answer_was_lost_is_settled_though_looks_are_far_apart() -> None:
+    """It turns, and no two positions of it are closer together than what a standing axis may be trusted for."""
+    async with slow(0.09, drives=3) as (_, axes, sims), asyncio.timeout(30):
+        lose(sims[0], writes_to(0xF6), request=False)
+        async with AxisGroup(x=axes[1], y=axes[2]).stream() as setpoint:
+            run = axes[0].run(120)
+            while not run.done():
+                setpoint(x=60, y=60)
+                await asyncio.sleep(0.1)
+        await run
+        assert sims[0].moving(now())

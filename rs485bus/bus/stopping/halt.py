@@ -35,7 +35,7 @@ Procedure = Generator[Wanted, Any, T]
 _FOREVER = float("inf")
 STOPS = 3
 """Stop frames sent in vain before a halt is reported as not confirmed."""
-_DEAR = 0.02
+_DEAR = 10.0
 """Seconds from which on an exchange takes so long that a status must do where a stop was acknowledged."""
 _UNACKNOWLEDGED = 2
 """Stops in a row without an acknowledgement after which the next one is harder."""

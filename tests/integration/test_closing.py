@@ -9,10 +9,13 @@ import pytest
 
 from rs485bus import Bus, BusConfig, MksServo, Urgency, open_bus
 from rs485bus.bus.watchdog.guarding import EmergencyReport
+from rs485bus.devices.mks import Status
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import write, write_block
 from rs485bus.errors import BusClosed, BusError, NotSent, OutcomeUnknown, StopUnconfirmed
-from rs485bus.sim import SimUnit, VirtualLine
+from rs485bus.sim import SimMks, SimUnit, VirtualLine
+from rs485bus.sim.mks_quirks import Quirks
+from rs485bus.wire.frames import crc
 from tests.integration.support import Plant, bus_on, plant, virtual
 
 
@@ -357,3 +360,25 @@ async def test_a_motor_that_turns_and_does_not_hear_is_stopped_as_long_as_closin
     assert took < (deaf_for + 0.2 if deaf_for < 5 else 5.0)
     assert made.stands() is (deaf_for < 5)
     assert [halted.standing for halted in bus.stopped] == [deaf_for < 5]
+
+
+@virtual
+async def test_on_a_slow_line_a_status_that_lies_does_not_have_a_bus_closed_on_a_motor_that_turns() -> None:
+    """A status alone will do only where many are stopped at once, or the pair is never quiet."""
+    sim = SimMks(1, quirks=Quirks(lying=Status.STOPPED))
+    hears, ramp = sim.receive, bytes.fromhex("011000F6000204006E0000")
+
+    def coasts(frame: bytes, now: float) -> bytes | None:
+        """The load takes two seconds to come to rest, however hard it is stopped."""
+        if frame[1:4] != bytes((6, 0, r.EMERGENCY_STOP.address)):
+            return hears(frame, now)
+        hears(ramp + crc(ramp), now)
+        return frame
+
+    sim.receive = coasts  # type: ignore[method-assign]
+    async with open_bus(VirtualLine(sim, baudrate=9600, turnaround=0.012)) as bus:
+        x = MksServo(bus, 1)
+        await x.enable()
+        await x.run(300)
+    assert [halted.standing for halted in bus.stopped] == [True]
+    assert not sim.moving(asyncio.get_running_loop().time())

@@ -35,8 +35,6 @@ Procedure = Generator[Wanted, Any, T]
 _FOREVER = float("inf")
 STOPS = 3
 """Stop frames sent in vain before a halt is reported as not confirmed."""
-_DEAR = 10.0
-"""Seconds from which on an exchange takes so long that a status must do where a stop was acknowledged."""
 _UNACKNOWLEDGED = 2
 """Stops in a row without an acknowledgement after which the next one is harder."""
 _IN_TIME = 1.5
@@ -156,8 +154,6 @@ class Halt:
         self._acknowledged = False
         self._is_heard = False
         """One frame of the last stop was acknowledged, if not all of them."""
-        self._took = 0.0
-        """Seconds that the last stop took on the wire."""
         self._said_so_at = NEVER
         """When it was last asked where its status said that it stands."""
         self._detector = attached.judgement(motion)
@@ -254,7 +250,6 @@ class Halt:
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
             # An exception is no acknowledgement; what refuses a stop in its own way says that there is nothing to stop.
             said_so = stop.outcome is Outcome.REPLY or (stop.outcome is Outcome.REFUSED and stop.code is None)
-            self._took = stop.ended_at - stop.sent_at
             self._acknowledged = self._acknowledged and said_so
             self._is_heard = self._is_heard or said_so
         self._detector.stop_sent()
@@ -354,7 +349,7 @@ class Halt:
     def _will_do(self, pacing: Pacing) -> bool:
         """Whether its status alone will do, which said that it stands: that it acknowledged the stop as well is enough
         where more would take too long."""
-        dear = self._took > _DEAR or pacing.is_noisy(self._now) or pacing.is_crowded
+        dear = pacing.is_noisy(self._now) or pacing.is_crowded
         said_so_at = max(self._evidence_from, self.attached.may_start_until(self.motion))
         return self._acknowledged and dear and self._said_so_at >= said_so_at
 

@@ -138,8 +138,7 @@ class Owner:
             self._end(job, Outcome.NOT_SENT, reason)
             return
         # What confirms a stop waits for no set-point, which waits for the end of that stop. Other looks take turns.
-        confirms = job.urgency is Urgency.CONFIRM and not job.request.writes
-        self.queue.put(job, first=job.goes_on or (confirms and self.units[job.address].halt is not None))
+        self.queue.put(job, first=job.goes_on or (job.is_look and self.units[job.address].halt is not None))
         if job.expires_at is not None:
             job.timer = self.at(job.expires_at, lambda: self._expire(job))
         if self.pair.job is None:

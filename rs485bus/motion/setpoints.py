@@ -263,7 +263,7 @@ class SetpointStream:
         assert self._move is not None
         self._move.add_done_callback(lambda move: callback(move.error))
 
-    def join(self) -> None:
+    def _join(self) -> None:
         """Join the queue of the axis. Who enters the block then waits for its turn there."""
         started, self._is_ended = asyncio.Event(), False
 
@@ -277,7 +277,7 @@ class SetpointStream:
         self._move._end_block = self.end  # also where somebody drains the axis before the block is entered
         self._joined = setpoint, started
 
-    def withdraw(self) -> None:
+    def _withdraw(self) -> None:
         """Leave the queue again."""
         if self._move is not None:
             self._move.seen = True
@@ -286,7 +286,7 @@ class SetpointStream:
 
     async def __aenter__(self) -> Setpoint:
         if self._joined is None:
-            self.join()
+            self._join()
         assert self._joined is not None
         assert self._move is not None
         (setpoint, started), self._joined = self._joined, None

@@ -235,6 +235,11 @@ class Job:
         return True
 
     @property
+    def is_look(self) -> bool:
+        """Whether it looks at what moves, or is being stopped."""
+        return self.urgency is Urgency.CONFIRM and not self.request.writes
+
+    @property
     def is_repeatable(self) -> bool:
         """Whether it does no harm to send it again where it may have arrived."""
         safe = self.repeat is Repeat.SAFE or not self.request.writes

@@ -35,6 +35,10 @@ Procedure = Generator[Wanted, Any, T]
 _FOREVER = float("inf")
 STOPS = 3
 """Stop frames sent in vain before a halt is reported as not confirmed."""
+_DEAR = 0.02
+"""Seconds from which on an exchange takes so long that a status must do where others wait."""
+_DEAREST = 0.06
+"""The same where nobody else waits: it would seem not to stand in time."""
 _UNACKNOWLEDGED = 2
 """Stops in a row without an acknowledgement after which the next one is harder."""
 _IN_TIME = 1.5
@@ -96,6 +100,10 @@ class Pacing(Protocol):
         """Whether so many devices are being stopped that a status must do where a stop was acknowledged."""
 
     @property
+    def others_wait(self) -> bool:
+        """Whether others must be fed meanwhile, or some more be stopped."""
+
+    @property
     def gives_up_after(self) -> float:
         """Seconds for which it is stopped then before it is said that this was in vain."""
 
@@ -154,6 +162,8 @@ class Halt:
         self._acknowledged = False
         self._is_heard = False
         """One frame of the last stop was acknowledged, if not all of them."""
+        self._took = 0.0
+        """Seconds that the last stop took on the wire."""
         self._said_so_at = NEVER
         """When it was last asked where its status said that it stands."""
         self._detector = attached.judgement(motion)
@@ -250,6 +260,7 @@ class Halt:
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
             # An exception is no acknowledgement; what refuses a stop in its own way says that there is nothing to stop.
             said_so = stop.outcome is Outcome.REPLY or (stop.outcome is Outcome.REFUSED and stop.code is None)
+            self._took = stop.ended_at - stop.sent_at
             self._acknowledged = self._acknowledged and said_so
             self._is_heard = self._is_heard or said_so
         self._detector.stop_sent()
@@ -349,7 +360,8 @@ class Halt:
     def _will_do(self, pacing: Pacing) -> bool:
         """Whether its status alone will do, which said that it stands: that it acknowledged the stop as well is enough
         where more would take too long."""
-        dear = pacing.is_noisy(self._now) or pacing.is_crowded
+        slow = self._took > _DEAREST or (self._took > _DEAR and pacing.others_wait)
+        dear = slow or pacing.is_noisy(self._now) or pacing.is_crowded
         said_so_at = max(self._evidence_from, self.attached.may_start_until(self.motion))
         return self._acknowledged and dear and self._said_so_at >= said_so_at
 

@@ -18,6 +18,8 @@ _BRIEFEST = 0.01
 """The same once it was said that it could not be seen standing: others need the pair."""
 _FEW = 6
 """Devices that can be stopped at once with a look at two positions of each, and the last be seen to stand in time."""
+_FEW_SLOW = 3
+"""The same where an exchange takes long."""
 _IN_VAIN = 1.0
 """Seconds, at least, for which a device is stopped that may not be heard, before it is said that this was in vain."""
 
@@ -60,7 +62,16 @@ class StopPacing:
 
     @property
     def is_crowded(self) -> bool:
-        return sum(unit.halt is not None for unit in self._units) > _FEW
+        return self._stopping > _FEW
+
+    @property
+    def others_wait(self) -> bool:
+        return self._stopping > _FEW_SLOW or self._feeding.guards_others(self._unit.address)
+
+    @property
+    def _stopping(self) -> int:
+        """How many devices are being stopped."""
+        return sum(unit.halt is not None for unit in self._units)
 
     @property
     def gives_up_after(self) -> float:

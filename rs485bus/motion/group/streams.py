@@ -90,14 +90,14 @@ class GroupStream:
     async def __aenter__(self) -> GroupSetpoint:
         try:
             for stream in self._streams.values():
-                stream.join()  # all at once: what two axes do together must not come between
+                stream._join()  # all at once: what two axes do together must not come between
             async with AsyncExitStack() as stack:
                 parts = {name: await stack.enter_async_context(stream) for name, stream in self._streams.items()}
                 self._setpoint = GroupSetpoint(parts)
                 self._stack = stack.pop_all()
         except BaseException:
             for stream in self._streams.values():
-                stream.withdraw()
+                stream._withdraw()
             raise
         for stream in self._streams.values():
             stream.on_end(self._ended)

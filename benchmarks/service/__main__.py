@@ -1,6 +1,7 @@
 """What the service must show, with a real mosquitto on this machine.
 
 python -m benchmarks.service campaign      10,000 moves, while broker, service and connections are killed
+python -m benchmarks.service hostile       clients that keep to no rule, while service and broker are killed
 python -m benchmarks.service cuts          how long until an axis stands, when who commands it is gone
 python -m benchmarks.service overtaking    an emergency stop by topic under a thousand messages a second
 python -m benchmarks.service states        the state of twelve axes twenty times a second
@@ -27,6 +28,9 @@ def main() -> int:
     campaign.add_argument("--moves", type=int, default=10_000)
     campaign.add_argument("--kills", type=int, default=10, help="of the broker and of the service, each")
     campaign.add_argument("--seed", type=int, default=0)
+    hostile = commands.add_parser("hostile")
+    hostile.add_argument("--seconds", type=float, default=120.0)
+    hostile.add_argument("--seed", type=int, default=0)
     commands.add_parser("cuts").add_argument("--repeats", type=int, default=3)
     overtaking = commands.add_parser("overtaking")
     overtaking.add_argument("--stops", type=int, default=100)
@@ -52,6 +56,12 @@ async def _run(options: argparse.Namespace, folder: Path) -> bool:
             verdict = await campaign(folder, options.moves, options.kills, seed=options.seed)
             print(verdict)
             return verdict.holds
+        case "hostile":
+            from benchmarks.service.hostile import attack
+
+            attacked = await attack(folder, options.seconds, options.seed)
+            print(attacked)
+            return attacked.holds
         case "cuts":
             from benchmarks.service.cuts import measure_all
 

@@ -62,13 +62,14 @@ class Drives:
     ports: dict[str, str]
     log: Path
     positions: dict[str, int] = field(default_factory=dict)
+    turning: list[str] = field(default_factory=list)
 
     async def end(self) -> None:
-        """End it, and learn where the shafts are, in counts."""
+        """End it, and learn where the shafts are, in counts, and which of them turn."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.process.stdin.close()
-        self.positions = json.loads(await self.process.stdout.readline())
+        self.positions, self.turning = json.loads(await self.process.stdout.readline())
         await self.process.wait()
 
     def moves(self) -> Iterator[tuple[str, int]]:
@@ -107,7 +108,9 @@ async def main(buses: int, drives: int, log: IO[str]) -> None:
         print(json.dumps(ports), flush=True)
         await asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
         now = asyncio.get_running_loop().time()
-        print(json.dumps({drive._name: drive.motion.counts(now) for some in lines.values() for drive in some}))
+        every = [drive for some in lines.values() for drive in some]
+        positions = {drive._name: drive.motion.counts(now) for drive in every}
+        print(json.dumps([positions, [drive._name for drive in every if drive.motion.motor.moving(now)]]))
 
 
 if __name__ == "__main__":

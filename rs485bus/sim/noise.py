@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 
@@ -46,3 +48,16 @@ class Noise:
                     raise ValueError(f"{field.name} {value} is below 0 s")
             elif not 0 <= value <= 1:
                 raise ValueError(f"{field.name} {value} is outside 0..1")
+
+
+def babble(seconds: float, gaps_every: float, seed: int = 1) -> Iterator[float]:
+    """The intervals between bytes that nobody sends, for so many seconds: 0.5 to 1.6 ms, and now and then a gap of 3 to
+    6 ms."""
+    rng = random.Random(seed)
+    since = 0.0
+    while seconds > 0:
+        gap = since > gaps_every * rng.uniform(0.5, 1.5)
+        interval = rng.uniform(0.003, 0.006) if gap else rng.uniform(0.0005, 0.0016)
+        since = 0.0 if gap else since + interval
+        seconds -= interval
+        yield interval

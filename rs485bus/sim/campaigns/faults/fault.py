@@ -138,6 +138,16 @@ def _all() -> Iterable[Fault]:
         says="The program does not run for 0.6 s.",
         act=lambda world, _, now: world.pause(0.6),
     )
+    yield Fault(
+        name="line-babbles",
+        says="For 0.6 s there are bytes on the pairs that nobody sends.",
+        act=lambda world, _, now: world.babble(0.6, 1.0),
+    )
+    yield Fault(
+        name="line-babbles-with-gaps",
+        says="For 2.5 s there are bytes on the pairs that nobody sends; every 50 ms they leave a gap.",
+        act=lambda world, _, now: world.babble(2.5, 0.05),
+    )
     # The application.
     yield Fault(
         name="caller-cancelled", says="The application is cancelled.", act=lambda world, _, now: world.cancel_caller()

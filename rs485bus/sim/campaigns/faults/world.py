@@ -18,7 +18,7 @@ from rs485bus.sim.campaigns.faults.plant import KINDS, Drive, Option
 from rs485bus.sim.campaigns.faults.recorder import Notes, Recorded
 from rs485bus.sim.campaigns.faults.scenario import Scenario
 from rs485bus.sim.clock import VirtualClockLoop
-from rs485bus.sim.noise import Noise
+from rs485bus.sim.noise import Noise, babble
 from rs485bus.sim.treatment import PLAIN, Treatment
 from rs485bus.sim.virtual_line import VirtualLine
 
@@ -262,6 +262,14 @@ class World:
         for line in self.lines:
             line.unplug()
             self._loop.call_later(seconds, line.plug)
+
+    def babble(self, seconds: float, gaps_every: float) -> None:
+        """All pairs are noisy for a while."""
+        now = self.now()
+        for line in self.lines:
+            line.babble(babble(seconds, gaps_every))
+        for shaft in self.evidence.shafts.values():
+            shaft.deaf.append((now, now + seconds))
 
     def pause(self, seconds: float) -> None:
         """The program does not run."""

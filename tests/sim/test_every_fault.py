@@ -22,6 +22,13 @@ def test_a_share_of_the_harmless_faults_breaks_no_invariant(family: str) -> None
     assert found.runs > 30
 
 
+def test_a_pair_that_is_never_quiet_for_a_while_breaks_no_invariant() -> None:
+    cases = [case for case in cases_of(Case("mks", "run-and-stop")) if case.faults[0][0].startswith("line-babbles")]
+    found = try_all(cases[::4])
+    assert [(str(case), name, seen) for case, name, seen in found.failed] == []
+    assert found.runs > 5
+
+
 def test_some_seconds_of_a_mixed_plant_among_noise_break_no_invariant() -> None:
     _, moves, _, wrong = judged(1, 0, 5.0)
     assert wrong == []

@@ -1422,7 +1422,8 @@ class SetpointStream:
     """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
 
     Args:
-        begin: queues it; it gives the stream as a command, and the set-point.
+        begin: queues it, with what is called when it begins and what is waited for before; it gives the stream as a
+            command, and the set-point.
         running: what tells the speeds, once it does.
         stop: stops the axis.
         stopped: waits for the end of a stop that is under way.

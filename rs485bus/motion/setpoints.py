@@ -222,11 +222,16 @@ async def begin_block(moves: Iterable[Move], started: asyncio.Event, end: Callab
         move._kept_open_by = asyncio.current_task()
 
 
+async def _at_once() -> None:
+    """Wait for nobody."""
+
+
 class SetpointStream:
     """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
 
     Args:
-        begin: queues it; it gives the stream as a command, and the set-point.
+        begin: queues it, with what is called when it begins and what is waited for before; it gives the stream as a
+            command, and the set-point.
         running: what tells the speeds, once it does.
         stop: stops the axis.
         stopped: waits for the end of a stop that is under way.
@@ -234,7 +239,7 @@ class SetpointStream:
 
     def __init__(
         self,
-        begin: Callable[[Callable[[], None]], tuple[Move, Setpoint]],
+        begin: Callable[[Callable[[], None], Callable[[], Awaitable[object]]], tuple[Move, Setpoint]],
         running: Sequence[Streamer],
         stop: Callable[[], object],
         stopped: Callable[[], Awaitable[None]],
@@ -263,8 +268,8 @@ class SetpointStream:
         assert self._move is not None
         self._move.add_done_callback(lambda move: callback(move.error))
 
-    def _join(self) -> None:
-        """Join the queue of the axis. Who enters the block then waits for its turn there."""
+    def _join(self, turn: Callable[[], Awaitable[object]] = _at_once) -> None:
+        """Join the queue of the axis. Who enters the block then waits for its turn there, and for others after that."""
         started, self._is_ended = asyncio.Event(), False
 
         def begun() -> None:
@@ -272,7 +277,7 @@ class SetpointStream:
             if self._is_ended:
                 self.end()
 
-        self._move, setpoint = self._begin(begun)
+        self._move, setpoint = self._begin(begun, turn)
         self._move.add_done_callback(lambda _: started.set())
         self._move._end_block = self.end  # also where somebody drains the axis before the block is entered
         self._joined = setpoint, started

@@ -80,8 +80,12 @@ class StreamExecutor:
         """
         running: list[Streamer] = []
 
-        def begin(started: Callable[[], None]) -> tuple[Move, Setpoint]:
-            move = queue("stream", None, None, lambda move: carry_out(move, running, timeout, acceleration, started))
+        def begin(started: Callable[[], None], turn: Callable[[], Awaitable[object]]) -> tuple[Move, Setpoint]:
+            async def in_turn(move: Move) -> float:
+                await turn()
+                return await carry_out(move, running, timeout, acceleration, started)
+
+            move = queue("stream", None, None, in_turn)
             state = self._drive.state.axes[self._axis]
             return move, Setpoint(move, self._scale.sign, state, running, self._speed)
 

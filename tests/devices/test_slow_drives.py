@@ -116,3 +116,16 @@ async def test_a_run_whose_answer_was_lost_is_settled_though_looks_are_far_apart
                 await asyncio.sleep(0.1)
         await run
         assert sims[0].moving(now())
+
+
+@virtual
+async def test_a_group_s_stream_on_one_wheel_is_not_in_the_way_of_a_move_that_the_other_one_has_before_it() -> None:
+    async with open_bus(VirtualLine(SimZlac(1))) as bus, asyncio.timeout(20):
+        base = Zlac8015d(bus, 1)
+        base.left.enable()
+        base.right.enable()
+        move = base.right.move_by(0.5)
+        async with AxisGroup(left=base.left, right=base.right).stream() as setpoint:
+            setpoint(left=30, right=30)
+            await asyncio.sleep(0.2)
+        assert await move == pytest.approx(0.5, abs=0.01)

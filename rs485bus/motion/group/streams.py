@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
@@ -73,6 +74,30 @@ class GroupSetpoint:
         return {name: part.measured for name, part in self._parts.items()}
 
 
+class _Turn:
+    """Where the streams of a group wait for each other: one that has begun may be in the way of what is asked of
+    another axis before its stream, as two wheels of one drive are.
+
+    Args:
+        missing: how many are waited for.
+    """
+
+    def __init__(self, missing: int) -> None:
+        self._missing = missing
+        self._all = asyncio.Event()
+
+    async def come(self) -> None:
+        """One stream's turn has come: wait for that of the others."""
+        self._missing -= 1
+        if not self._missing:
+            self._all.set()
+        await self._all.wait()
+
+    def give_up(self, _: Exception | None) -> None:
+        """One has ended: it is waited for no longer."""
+        self._all.set()
+
+
 class GroupStream:
     """A stream for several axes: `async with group.stream() as setpoint: setpoint(x=90.0, y=-30.0)`.
 
@@ -89,8 +114,10 @@ class GroupStream:
 
     async def __aenter__(self) -> GroupSetpoint:
         try:
+            turn = _Turn(len(self._streams))
             for stream in self._streams.values():
-                stream._join()  # all at once: what two axes do together must not come between
+                stream._join(turn.come)  # all at once: what two axes do together must not come between
+                stream.on_end(turn.give_up)
             async with AsyncExitStack() as stack:
                 parts = {name: await stack.enter_async_context(stream) for name, stream in self._streams.items()}
                 self._setpoint = GroupSetpoint(parts)

@@ -340,7 +340,9 @@ class MoveExecutor:
                 await end_it()
                 self._go_on(course, told, ended)
             if self._retargeting.change is not None and isinstance(course, MoveCourse) and not ended:
-                await self._retargeting.make(move, course)
+                changed = await self._retargeting.make(move, course)
+                if changed and ended and ended[0][1] is None:
+                    ended.clear()  # meanwhile it had arrived where it went before
                 self._go_on(course, told, ended)
         verdict, error = ended[0]
         if error is not None:

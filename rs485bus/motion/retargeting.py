@@ -67,28 +67,28 @@ class Retargeting:
         assert change is not None
         change.handle.fail(MoveCancelled(f"{self._name}: {why}."))
 
-    async def make(self, move: Move, course: MoveCourse) -> None:
-        """Have the drive told what was asked for. Raises what ends the move."""
+    async def make(self, move: Move, course: MoveCourse) -> bool:
+        """Have the drive told what was asked for; whether it was. Raises what ends the move."""
         change, self.change = self.change, None
         assert change is not None
         try:
-            await self._send(move, course, change)
+            return await self._send(move, course, change)
         except (RequestFailed, MotionError) as error:
             change.handle.fail(error)
             if not isinstance(error, RequestFailed) or isinstance(error, OutcomeUnknown):
                 raise
-            # The move goes on to where it went.
+            return False  # the move goes on to where it went
         except BaseException as error:
             change.handle.fail(MoveCancelled(f"{self._name}: its target was not changed ({error!r})."))
             raise
 
-    async def _send(self, move: Move, course: MoveCourse, change: Change) -> None:
+    async def _send(self, move: Move, course: MoveCourse, change: Change) -> bool:
         state, parameters = self._state, change.parameters
         await anyio.sleep(max(0.0, course.begun_at - self._bus.now()))
         if await self._knowledge.stands():
             # It has ended, or its drive has restarted: nothing may set it in motion again.
             change.handle.fail(MoveCancelled(f"{self._name} stood still before its target was changed."))
-            return
+            return False
         await self._knowledge.see_restart()
         self._knowledge.check_reference()
         await self._knowledge.know((Fact.SPEED, Fact.POSITION), since=self._bus.now() - FRESH)
@@ -103,3 +103,4 @@ class Retargeting:
         move.target, move.rpm, move.acceleration = change.position, parameters.rpm, parameters.acceleration
         move.eta = eta
         change.handle.finish(None)
+        return True

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rs485bus import AxisGroup, Bus, MksServo, Zlac8015d, open_bus
+from rs485bus.errors import MotionError
 from rs485bus.sim import SimMks, SimZlac, VirtualLine
 from tests.devices.stream_rig import now
 from tests.devices.test_setpoints_on_the_wire import lose, writes_to
@@ -129,3 +130,22 @@ async def test_a_group_s_stream_on_one_wheel_is_not_in_the_way_of_a_move_that_th
             setpoint(left=30, right=30)
             await asyncio.sleep(0.2)
         assert await move == pytest.approx(0.5, abs=0.01)
+
+
+@virtual
+async def test_a_target_that_is_changed_while_the_move_arrives_is_gone_to_or_was_not_changed() -> None:
+    made = 0
+    for step in range(16):
+        async with slow(0.085, drives=1) as (_, (axis,), sims), asyncio.timeout(30):
+            move = axis.move_to(0.5, rpm=60)
+            await asyncio.sleep(0.45 + 0.02 * step)
+            try:
+                await axis.retarget(0.1, rpm=30)
+                made += 1
+            except MotionError:
+                wanted = 0.5
+            else:
+                wanted = 0.1
+            assert await move == pytest.approx(wanted, abs=0.01), step
+            assert sims[0].shaft(now()) == pytest.approx(wanted, abs=0.01), step
+    assert 0 < made < 16

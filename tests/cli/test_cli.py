@@ -53,34 +53,28 @@ def test_its_help_names_the_commands() -> None:
     ],
 )
 def test_wrong_input_is_told_in_words(arguments: tuple[str, ...], said: str) -> None:
-    result = call(*arguments)
+    result = invoke(*arguments)
     assert result.returncode != 0
-    assert said in " ".join((result.stdout + result.stderr).replace("│", " ").split())
+    assert said in result.said
     assert "Traceback" not in result.stderr
 
 
 def test_the_demo_counts_down_on_an_open_port_only() -> None:
-    result = call("demo", "--port", "/dev/ttyNOPE")
+    result = invoke("demo", "--port", "/dev/ttyNOPE")
     assert "There is no port /dev/ttyNOPE." in " ".join(result.stderr.split())
     assert result.stdout == ""
 
 
-def test_verify_watchdog_asks_before_it_moves_anything() -> None:
-    result = subprocess.run(
-        (*COMMAND, "verify-watchdog", "--mks", "1"),
-        input="n\n",
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
+def test_verify_watchdog_asks_before_it_moves_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
+    result = invoke("verify-watchdog", "--mks", "1")
     assert result.returncode == 1
     assert "Is it alone and free to turn?" in result.stdout
     assert "Nothing was moved." in result.stdout
 
 
 def test_verify_watchdog_says_what_feeds_a_drive() -> None:
-    result = call("verify-watchdog", "--mks", "1", "--yes")
+    result = invoke("verify-watchdog", "--mks", "1", "--yes")
     assert result.returncode == 0, result.stderr
     assert "reads only: it goes on turning" in result.stdout
     assert "frames to others only: it stops" in result.stdout
@@ -171,7 +165,7 @@ def test_ctrl_c_in_the_demo_stops_every_axis_and_says_so(number: signal.Signals)
 def test_sim_replaces_no_file_by_its_link(tmp_path: Path) -> None:
     mine = tmp_path / "mine.py"
     mine.write_text("x = 1")
-    result = call("sim", "--link", str(mine))
+    result = invoke("sim", "--link", str(mine))
     assert result.returncode == 2
     assert "no symbolic link" in " ".join(result.stderr.split())
     assert mine.read_text() == "x = 1"

@@ -31,7 +31,8 @@ class GroupOrder:
     def check(self, name: str, file: PlantFile) -> tuple[str, ...]:
         """Refuse what cannot be meant. Returns the axes of the group. Raises `WrongUse`."""
         if name not in file.groups:
-            raise WrongUse(f"There is no group {name!r}{instead(name, file.groups)}")
+            how = "" if file.groups else f' A plant file says which there are: [groups.{name}], axes = ["x", "y"].'
+            raise WrongUse(f"There is no group {name!r}{instead(name, file.groups)}{how}")
         axes = file.groups[name].axes
         if self.verb not in VERBS:
             raise WrongUse(f"There is no verb {self.verb!r}. There is: {', '.join(VERBS)}.")

@@ -56,6 +56,7 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT] if os.n
         (("settings", "write", "mks1", "current", "99999", "--sim"), 2, "0..3000 mA"),
         (("setup", "--sim"), 2, "Nobody is there to answer: run it in a terminal, or with --yes"),
         (("verify-watchdog",), 2, "Nobody is there to answer: run it in a terminal, or with --yes"),
+        (("group", "xy", "home", "--sim"), 2, 'A plant file says which there are: [groups.xy], axes = ["x", "y"].'),
         (("read", "3", "0xffff", "2", "--sim"), 2, "outside 0..65535"),
     ],
 )

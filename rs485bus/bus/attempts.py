@@ -275,6 +275,20 @@ class Attempts:
             job.feeds = False
             self._feeding.failed(job.address, self._clock.now, self._clock.now - job.sent_at, cut=how == "cut")
 
+    def answered_late(self, job: Job, unit: UnitState, frame: bytes) -> None:
+        """The device itself answers, late, what waits to be sent again, or for the end of its time."""
+        meaning = unit.meaning(job.request, frame[2]) if is_exception(frame) else None
+        if meaning is Meaning.UNANSWERED or not (self.lingering.leaves(job) or self._queue.remove(job)):
+            return
+        self._units.heard(unit, self._clock.now)
+        if meaning is None:
+            job.answered_since, job.reply = job.queued_at, frame
+            self._end(job, Outcome.REPLY)
+            return
+        job.code = frame[2]
+        job.unanswered -= 1  # this attempt was answered; an earlier one may have done what it was refused
+        self._repeating.after_exception(job, meaning, self._clock.now)
+
     # What is out beside others
 
     def one_answered(self, job: Job, frame: bytes) -> None:

@@ -190,11 +190,7 @@ class Owner:
             self._attempts.one_answered(asked, frame)
             self._wake = now
         elif self._native and isinstance(asked, Job) and asked.outcome is None and asked.request.answered_by(frame):
-            # The device itself says so: it is the answer to what waits to be sent again, or for the end of its time.
-            if self._attempts.lingering.leaves(asked) or self.queue.remove(asked):
-                asked.answered_since, asked.reply = asked.queued_at, frame
-                self.units.heard(unit, now)
-                self._end(asked, Outcome.REPLY)
+            self._attempts.answered_late(asked, unit, frame)
         elif is_exception(frame):
             self._attempts.came_late(Kind.LATE_EXCEPTION, unit, None, frame)
         else:

@@ -1,5 +1,7 @@
 """A late reply is never taken for the answer to something else."""
 
+import pytest
+
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Outcome, Urgency
 from rs485bus.devices.mks import registers as r
@@ -174,3 +176,13 @@ def test_a_unit_whose_answers_all_look_alike_is_not_asked_for_ever_which_of_them
     rig.run(1.0, lambda: waits.outcome is not None)
     assert waits.outcome is Outcome.REPLY
     assert len(rig.sent) - sent < 20
+
+
+@pytest.mark.parametrize("takes", [0.04, 0.05, 0.06])
+def test_a_unit_that_is_always_late_keeps_nobody_waiting_by_what_it_is_asked_instead(takes: float) -> None:
+    """What is asked instead of waiting looks like a short read, and is answered late as all is: again and again."""
+    rig = Rig(Scripted(1, 0.0, *[takes] * 400), config=BusConfig(echo=False, retries=2, reply_timeout=0.03))
+    rig.done(rig.submit(read_holding(1, 0, 2)))
+    jobs = [rig.submit(read_holding(1, register, count)) for register, count in ((0, 2), (5, 2), (9, 1), (10, 1))]
+    rig.done(*jobs, within=1.0)
+    assert [registers(job.reply)[0] for job in jobs] == [100, 105, 109, 110]

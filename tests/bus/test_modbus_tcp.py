@@ -5,10 +5,10 @@ from collections import deque
 
 import pytest
 
-from rs485bus import Bus, BusConfig
+from rs485bus import Bus, BusConfig, Repeat
 from rs485bus.bus.line.numbered import NumberedReplies
 from rs485bus.bus.schedule.job import Job
-from rs485bus.errors import NoReply
+from rs485bus.errors import DeviceRefused, NoReply, OutcomeUnknown
 from rs485bus.sim import SimUnit, VirtualLine
 from rs485bus.transport.interface import Sink
 from rs485bus.transport.modbus_tcp import _Unwrapped
@@ -124,6 +124,26 @@ async def test_a_device_that_is_slower_than_it_was_is_understood_while_others_ar
     answers = await asyncio.gather(*(bus.unit(1).read_holding_registers(register) for register in range(2, 7)))
     assert answers == [[102], [103], [104], [105], [106]]
     assert len(line.asked) == 65
+    await bus.aclose()
+
+
+@virtual
+async def test_a_refusal_that_comes_late_is_no_answer() -> None:
+    """While others are asked, the device says no to what waits to be sent again."""
+    line = Gateway(*[0.1] * 4, native=True)
+    bus = await opened(line, retries=2, reply_timeout=0.04)
+    others = [asyncio.ensure_future(bus.unit(address).read_holding_registers(0)) for address in (2, 3)]  # nobody there
+    await asyncio.sleep(0.001)
+    with pytest.raises(DeviceRefused, match="02"):
+        await bus.unit(1).read_holding_registers(999)
+    await asyncio.gather(*others, return_exceptions=True)
+    line.delays.clear()
+    line.delays.extend([0.1] * 4)
+    others = [asyncio.ensure_future(bus.unit(address).read_holding_registers(0)) for address in (4, 5)]
+    with pytest.raises((DeviceRefused, OutcomeUnknown)):
+        await bus.unit(1).write_register(999, 5, repeat=Repeat.SAFE)
+    await asyncio.gather(*others, return_exceptions=True)
+    assert line.unit.writes == []
     await bus.aclose()
 
 

@@ -203,7 +203,7 @@ class Selector:
         units, self._gate.held_up = self._gate.held_up, set()
         ready = None
         for unit in units:
-            job = question_for(unit, self._clock.now)
+            job = question_for(unit, self._clock.now, lambda read, unit=unit: self._is_in_the_way(unit, read))  # type: ignore[misc]
             if job is None:
                 continue
             if ready is None and self._admit(job) == READY:
@@ -215,13 +215,11 @@ class Selector:
     def _look_for(self, unit: UnitState) -> Job | None:
         """A read that only asks whether anybody answers; None if it goes once the pair was quiet for long enough, or
         if the unit is asked anyway as soon as it owes nothing that could be taken for the answer."""
-        request = unit.harmless_read()
-        until, tries = self._in_the_way_until(unit, request), _READS
-        while until > self._clock.now and tries:
+        request, tries = unit.harmless_read(), _READS
+        while tries and self._is_in_the_way(unit, request):
             request, tries = unit.harmless_read(), tries - 1
-            until = self._in_the_way_until(unit, request)
-        if until > self._clock.now:
-            unit.reach.probe_at = until
+        if not tries:
+            unit.reach.probe_at = self._clock.now + unit.late_reply_window
             return None
         job = Job(request, urgency=Urgency.POLL, ignores_late_replies=True, internal=True, retries=0)
         listens = unit.reply_timeout
@@ -236,12 +234,13 @@ class Selector:
             self._submit(job)
         return None
 
-    def _in_the_way_until(self, unit: UnitState, request: Request) -> float:
-        """Until when a read of the bus' own, if it were not answered, would keep somebody waiting for longer."""
+    def _is_in_the_way(self, unit: UnitState, request: Request) -> bool:
+        """Whether a read of the bus' own, if it were not answered, would keep somebody waiting for longer who waits for
+        what the unit owes."""
         if not unit.late:
-            return READY
-        waiting = (job for job in self._queue.of(unit.address) if request.may_answer(job.request))
-        return max((unit.late.must_wait(job.request, job) for job in waiting), default=READY)
+            return False
+        waiting = self._queue.next_of(unit.address)
+        return any(request.may_answer(job.request) and unit.late.must_wait(job.request, job) for job in waiting)
 
     def _admit_over_noise(self, job: Job) -> float:
         verdict = self._admit(job)
@@ -252,6 +251,8 @@ class Selector:
 
     def _admit(self, job: Job) -> float:
         reason = self._gate.refusal(job)
+        if job.backs_off and reason is Reason.NONE and self._is_in_the_way(self._units[job.address], job.request):
+            reason = Reason.OWED
         if reason is not Reason.NONE:
             self._drop(job, reason)
             return GONE

@@ -6,7 +6,7 @@ late reply, proves that the late reply will never come: one transaction instead 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.units.unit_state import UnitState
@@ -18,17 +18,22 @@ _FIRST_PAUSE, _LONGEST_PAUSE, _DOUBLINGS = 0.006, 0.25, 8
 """Seconds for which a question is not repeated, twice as long each time: the unit may be busy."""
 
 
-def question_for(unit: UnitState, now: float) -> Job | None:
+def question_for(unit: UnitState, now: float, is_in_the_way: Callable[[Request], bool]) -> Job | None:
     """A read for a unit that owes a reply: harmless, known to be answered, and not to be mistaken for what is owed.
 
     None if there is none, or if one is under way. The same question is one job as long as an answer to it is owed:
     either of its answers will do. But where another one is owed nothing, that is asked: answers to the same question
     that all look alike never show which of them it was. It may have to wait, lest a unit that does not answer takes the
     wire from others.
+
+    Args:
+        unit: the unit.
+        now: the time.
+        is_in_the_way: whether a question, while it is owed an answer, would keep waiting who waits for the unit.
     """
     if unit.is_questioned or unit.reach.silent or unit.reach.offline or unit.halt is not None:
         return None  # one that is being stopped is asked anyway
-    last, reads = unit.question, list(_harmless(unit))
+    last, reads = unit.question, [read for read in _harmless(unit) if not is_in_the_way(read)]
     fresh = next((request for request in reads if not unit.late.must_wait(request)), None)
     same = next((request for request in reads if last is not None and last.request.adu == request.adu), None)
     if fresh is not None and (last is None or last.request.adu != fresh.adu):

@@ -7,7 +7,7 @@ gap, one that hunts for frames hears any.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.line.transaction import Received, Transaction
@@ -130,7 +130,7 @@ class SerialLine:
         """When a frame may go out that waits for silence no longer. After a frame of our own there is silence."""
         return self.air_end + self.silence
 
-    def begin(self, job: Job, start: float, reply_timeout: float, late: Iterable[PendingReplies]) -> None:
+    def begin(self, job: Job, start: float, reply_timeout: float, late: Sequence[PendingReplies]) -> None:
         """The job's frame goes out at `start`."""
         request = job.request
         air = self.line.airtime(len(request.adu))
@@ -200,7 +200,7 @@ class SerialLine:
         takes = self.line.airtime(job.request.length or MAX_FRAME)
         return max(until, first + (takes if self.exchange.pending >= _BEGUN else min(takes, STOP_WAITS)))
 
-    def end(self, late: Iterable[PendingReplies], now: float, *, answered: bool) -> None:
+    def end(self, late: Sequence[PendingReplies], now: float, *, answered: bool) -> None:
         """The job that was out was answered or given up."""
         self.job = None
         if not self.is_brief and answered:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -83,7 +83,7 @@ class Transaction:
     def echo(self, verdict: bool | None) -> None:
         self.question.verdict = verdict
 
-    def begin(self, request: Request, late: Iterable[PendingReplies]) -> None:
+    def begin(self, request: Request, late: Sequence[PendingReplies]) -> None:
         """`request` is being sent; listen for what may answer it, and for what older requests are owed."""
         self._request = request
         self._echoed = False
@@ -91,7 +91,7 @@ class Transaction:
         patterns, self._mirrors, self._tells = _wanted(request, self.question.verdict is not False)
         self._listen(patterns, late)
 
-    def idle(self, late: Iterable[PendingReplies]) -> None:
+    def idle(self, late: Sequence[PendingReplies]) -> None:
         """Nothing is on the wire; listen for what older requests are owed."""
         self._request = None
         self._listen((), late)
@@ -148,16 +148,19 @@ class Transaction:
         receiver = self._receiver
         return receiver.skipped + receiver.pending - self._skipped, receiver.crc_errors - self._crc_errors
 
-    def _listen(self, patterns: Sequence[Pattern[_Key]], late: Iterable[PendingReplies]) -> None:
-        expected = list(patterns)
-        seen = set()
-        for request in dict.fromkeys(owed.request for replies in late for owed in replies):  # many attempts are alike
-            for pattern in _late_answers(request):
-                looks = (pattern.prefix, pattern.length)
-                if looks not in seen:  # and many requests are answered alike
-                    seen.add(looks)
-                    expected.append(pattern)
-        self._receiver.expect(expected)
+    def _listen(self, patterns: Sequence[Pattern[_Key]], late: Sequence[PendingReplies]) -> None:
+        if late:
+            patterns = [*patterns]
+            seen = set()
+            for request in dict.fromkeys(
+                owed.request for replies in late for owed in replies
+            ):  # many attempts are alike
+                for pattern in _late_answers(request):
+                    looks = (pattern.prefix, pattern.length)
+                    if looks not in seen:  # and many requests are answered alike
+                        seen.add(looks)
+                        patterns.append(pattern)
+        self._receiver.expect(patterns)
         self._skipped = self._receiver.skipped
         self._crc_errors = self._receiver.crc_errors
 

@@ -28,9 +28,9 @@ class Standstills:
         return asyncio.get_running_loop().time() < self._until
 
     async def wait_for(self, seconds: float) -> None:
-        """Wait until so many seconds have passed undisturbed; but six times as long at most."""
+        """Wait until so many seconds have passed undisturbed; but twice as long at most."""
         loop = asyncio.get_running_loop()
-        wanted, end = self.undisturbed + seconds, loop.time() + 6 * seconds
+        wanted, end = self.undisturbed + seconds, loop.time() + 2 * seconds
         last = loop.time()
         while self.undisturbed < wanted and last < end:
             await asyncio.sleep(_LOOK)

@@ -10,7 +10,7 @@ from rs485bus.bus.config import BusConfig
 from rs485bus.bus.other_programs import OtherPrograms
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.runner import OwnerRunner
-from rs485bus.errors import PortError
+from rs485bus.errors import PortBusy, PortError
 from rs485bus.transport.interface import Transport
 
 HOST_SLACK = 0.008
@@ -95,8 +95,19 @@ class Port:
         return end
 
     async def open(self) -> None:
-        """Open it for the first time. Raises `PortError`."""
-        lost = await self._open()
+        """Open it for the first time. Raises `PortError`; `PortBusy` where another bus of this program holds it."""
+        holder = _HELD.get(id(self._transport))
+        if holder is not None and holder._loop.is_running():
+            raise PortBusy(
+                f"{self._transport.name} is open already, by another bus of this program. A pair has one master: use "
+                "that bus for all that is on it, or close it first."
+            )
+        _HELD[id(self._transport)] = self
+        try:
+            lost = await self._open()
+        except BaseException:
+            self._let_go()
+            raise
         if lost is not None:
             self.lost(lost)
         if self._config.silence is not None:
@@ -115,7 +126,14 @@ class Port:
         if self._attempt is not None:
             self._attempt.cancel()
             await asyncio.wait({self._attempt}, timeout=_GIVING_UP_TAKES)
-        await self._transport.close()
+        try:
+            await self._transport.close()
+        finally:
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if _HELD.get(id(self._transport)) is self:
+            del _HELD[id(self._transport)]
 
     def lost(self, error: Exception | None) -> None:
         """The port is gone."""
@@ -229,3 +247,7 @@ class Port:
         self._timer = None
         self._says_lost = False
         _log.warning("%s is open again", self._transport.name)
+
+
+_HELD: dict[int, Port] = {}
+"""The ports that are open, by their transport's identity. One whose event loop has ended holds nothing any more."""

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rs485bus import MksServo, TlrStepper, Zlac8015d, open_bus
-from rs485bus.errors import BusClosed, DeviceRefused, LimitExceeded, WatchdogNotSupported
+from rs485bus.errors import BusClosed, DeviceRefused, LimitExceeded, PortBusy, WatchdogNotSupported
 from rs485bus.motion.axis import Axis
 from rs485bus.motion.events import EventKind
 from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
@@ -135,3 +135,14 @@ async def test_who_ceases_to_listen_leaves_no_task_behind() -> None:
             await asyncio.wait([listener])
         await asyncio.sleep(0.1)
         assert len(asyncio.all_tasks()) == before
+
+
+@virtual
+async def test_a_pair_that_one_bus_holds_is_refused_to_another() -> None:
+    pair = line()
+    async with open_bus(pair) as bus:
+        with pytest.raises(PortBusy, match="open already, by another bus of this program"):
+            await open_bus(pair)
+        await bus.unit(1).read_input_registers(0xF1)  # it goes on
+    async with open_bus(pair) as bus:  # it was closed
+        await bus.unit(1).read_input_registers(0xF1)

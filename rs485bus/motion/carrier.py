@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import anyio
@@ -83,6 +83,11 @@ class Task:
     """Waits for the end of a routine of the drive's own."""
     partners: tuple[tuple[PlanCarrier, Task], ...] = ()
     """Other axes of the drive that the same plan sets in motion."""
+    since: float | None = field(init=False)
+    """When its move began, where this only changes or ends what goes on."""
+
+    def __post_init__(self) -> None:
+        self.since = self.move.started_at
 
 
 class _NotTaken(Exception):
@@ -280,7 +285,8 @@ class PlanCarrier:
         for carrier, each in everybody:
             carrier._state.ramp_stop, carrier._state.ramp_takes = step.stop, step.stopping
             self._supervisor.begin(carrier._axis)
-            each.begun, each.move.started_at, each.lost = True, began, carrier._state.lost
+            each.begun, each.lost = True, carrier._state.lost
+            each.move.started_at = began if each.since is None else each.since
         motion = self._state.motion if not task.partners else self._drive.motion
         # One that turns is not left alone for longer than any that turns: a drive that does not answer is stopped.
         patience = max(1.0, SILENT * self._supervisor.interval)
@@ -295,7 +301,7 @@ class PlanCarrier:
         finally:
             for carrier, each in everybody:
                 sent_at = carrier._state.motion.commanded_at
-                each.move.started_at = sent_at if sent_at >= began else None
+                each.move.started_at = sent_at if each.since is None and sent_at >= began else each.since
 
     async def _settle(self, step: Start, task: Task, unknown: OutcomeUnknown) -> None:
         """See whether a start was taken whose answer was lost. Raises `_NotTaken` if it was not."""

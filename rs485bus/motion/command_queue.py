@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, DeviceRefused, MotionError, MoveCancelled, MoveFailed, NotSent, QueueFull
-from rs485bus.motion.move import Move
 from rs485bus.wire.frames import is_read
 
 T = TypeVar("T")
@@ -29,7 +28,8 @@ class CommandQueue:
         name: the axis, in messages.
         upset: told when what is queued is not carried out as it was planned.
         stop: stops the axis; called when a command ends in an error that nobody foresaw.
-        make_safe: has the axis seen standing, or stopped, after a command that has failed; it is given that.
+        make_safe: has the axis seen standing, or stopped, after a command that has failed. It is given that, and when
+            that was begun; it returns whether the axis has begun or ended something because of it.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class CommandQueue:
         name: str,
         upset: Callable[[], None],
         stop: Callable[[], object],
-        make_safe: Callable[[Handle[Any]], Awaitable[None]],
+        make_safe: Callable[[Handle[Any], float], Awaitable[bool]],
     ) -> None:
         self._bus = bus
         self._name = name
@@ -194,14 +194,13 @@ class CommandQueue:
                         self._cancel_waiting(MoveCancelled(f"Cancelled: {self._name} was not seen standing before it."))
                     continue  # meanwhile what waited may have been taken out, or another stop have begun
                 handle, carry_out = self._waiting.popleft()
-                self._current = handle
+                self._current, begun_at = handle, self._bus.now()
                 self._end_block()
                 try:
                     result = await carry_out()
                 except Exception as error:
-                    if isinstance(error, BusError):
-                        await self._make_safe(handle)
-                        error = _of_a_motion(handle, error)
+                    if isinstance(error, BusError) and await self._make_safe(handle, begun_at):
+                        error = _of_a_motion(handle.what, error)
                     self._current = None
                     self._failed = handle
                     handle.fail(error)
@@ -226,15 +225,13 @@ class CommandQueue:
             handle.fail(error)
 
 
-def _of_a_motion(handle: Handle[Any], error: BusError) -> BusError:
-    """What a command failed of: of one that has set the axis in motion it is not said that nothing was done."""
-    begun = isinstance(handle, Move) and handle.started_at is not None
+def _of_a_motion(what: str, error: BusError) -> BusError:
+    """What a command failed of that has had an axis begin or end something: it is not said that nothing was done."""
     asking = isinstance(error, NotSent) or (isinstance(error, DeviceRefused) and is_read(error.request))
-    if not (begun and asking):
+    if not asking or isinstance(error, MotionError):
         return error
     failed = MoveFailed(
-        f"{handle.what} was begun, and ended when its drive could not be asked: "
-        f"{str(error).replace(' Nothing was done.', '')}"
+        f"{what} was begun, and ended when its drive could not be asked: {str(error).replace(' Nothing was done.', '')}"
     )
     failed.__cause__ = error
     return failed

@@ -168,7 +168,8 @@ class Course(ABC):
             settles = still.unmoved > 0 or still.confirmed
             return max(asked + LOOK_SOON / 2, still.since + rule.apart) if settles else asked + pause
         if fact is Fact.RUNNING and asked >= end and not still.confirmed:
-            return max(still.since, self.state.known(Fact.RUNNING).at + LOOK_SOON / 2)
+            again = pause if still.verdict is False else LOOK_SOON
+            return max(still.since, self.state.known(Fact.RUNNING).at + again / 2)
         return _FOREVER
 
 

@@ -28,6 +28,7 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
 from rs485bus.motion.joint import Joint, Part, PlanOfAll
 from rs485bus.motion.knowledge import AxisKnowledge
+from rs485bus.motion.looks import Told
 from rs485bus.motion.move import Move, MoveState
 from rs485bus.motion.other_courses import HomingCourse
 from rs485bus.motion.parameters import MotionParameters
@@ -36,7 +37,7 @@ from rs485bus.motion.reference import Reference
 from rs485bus.motion.retargeting import Change, Retargeting
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
-from rs485bus.motion.supervisor import Supervisor, Told
+from rs485bus.motion.supervisor import Supervisor
 
 _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""
@@ -239,13 +240,21 @@ class MoveExecutor:
             self.commanded = None if was_moved else self.commanded
         return position
 
-    async def make_safe(self, failed: Handle[Any]) -> None:
-        """A command has failed. If it was to move the axis, see that it stands, or stop it: a drive that refuses a
-        command may have begun it, and what it did before it goes on doing."""
-        if isinstance(failed, Move) and self._state.motion.may_move and not self._stops.is_stopping:
+    async def make_safe(self, failed: Handle[Any], since: float) -> bool:
+        """A command has failed that was begun at a time. If it was to move the axis, see that it stands, or stop it: a
+        drive that refuses a command may have begun it, and what it did before it goes on doing.
+
+        Returns whether the command has had the axis begin or end something: it has not done nothing.
+        """
+        if not isinstance(failed, Move):
+            return False
+        is_stopped = False
+        if self._state.motion.may_move and not self._stops.is_stopping:
             self.stumble()
-            if not await self._carrier.is_seen_standing():
+            is_stopped = not await self._carrier.is_seen_standing()
+            if is_stopped:
                 self._stops.stop_if_moving()
+        return is_stopped or failed.started_at is not None or self._state.stopped_at >= since
 
     # Parts of them
 

@@ -93,10 +93,9 @@ class Retargeting:
         self._knowledge.check_reference()
         await self._knowledge.know((Fact.SPEED, Fact.POSITION), since=self._bus.now() - FRESH)
         speed, position = float(state.value(Fact.SPEED) or 0.0), state.value(Fact.POSITION)
-        started_at = move.started_at
         task = Task(move, start=position, target=change.target, before=speed, under_way=True)
         await self._carrier.carry(lambda: self._drive.retarget(self._axis, change.target, parameters, speed), task)
-        sent_at, move.started_at = state.motion.commanded_at, started_at
+        sent_at = state.motion.commanded_at
         turns = state.rule.moved(position, change.target) / self._drive.ability(self._axis).counts_per_turn
         eta = sent_at + seconds_to(turns, parameters.rpm, parameters.acceleration, speed)
         course.change(change.target, eta, None)

@@ -89,13 +89,11 @@ class RunExecutor:
         if ticks is not None:
             await self._executor.see_it_end(move, course)
         else:
-            began = move.started_at
 
             async def end_it() -> None:
                 await self._run_off(Task(move, start=task.start, rpm=0.0, before=rpm), 0.0, parameters, None)
-                move.started_at = began
 
-            await self._executor.see_it_end(move, course, began + duration, end_it)
+            await self._executor.see_it_end(move, course, move.started_at + duration, end_it)
         went = self._state.rule.moved(task.start or 0, self._state.value(Fact.POSITION)) / counts_per_turn
         wanted = task.before * (move.started_at - since) / 60 + profile.turns_after(profile.ends_after)
         if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(rpm) / 60):

@@ -46,7 +46,7 @@ class StopControl:
         on_plans_off: called when what is queued will not be carried out as it was planned.
         on_stop: called before it is stopped, whoever does it.
         tell: called with what happens to the axis.
-        make_safe: has the axis seen standing, or stopped, after a command that has failed; it is given that.
+        make_safe: as for `CommandQueue`.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class StopControl:
         supervisor: Supervisor,
         on_plans_off: Callable[[], None],
         on_stop: Callable[[], None],
-        make_safe: Callable[[Handle[Any]], Awaitable[None]],
+        make_safe: Callable[[Handle[Any], float], Awaitable[bool]],
         tell: Callable[[EventKind, str], None],
     ) -> None:
         self.queue = CommandQueue(bus, name, on_plans_off, lambda: self.begin_stop(emergency=True), make_safe)

@@ -8,11 +8,20 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from rs485bus import BusConfig, DifferentialDrive
+from rs485bus import BusConfig, DifferentialDrive, Zlac8015d, open_bus
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.values import Fault, Side
-from rs485bus.errors import BusError, DriveFault, LimitExceeded, MotionError, NoReply, ReferenceLost
-from rs485bus.sim import Noise
+from rs485bus.errors import (
+    BusError,
+    DriveFault,
+    LimitExceeded,
+    MotionError,
+    MoveFailed,
+    NoReply,
+    NotSent,
+    ReferenceLost,
+)
+from rs485bus.sim import Noise, VirtualLine
 from tests.devices.zlac.plant import Plant, WatchedZlac, on_virtual_clock, plant
 
 RADIUS, TRACK = 0.085, 0.4
@@ -235,3 +244,49 @@ async def test_a_run_whose_reads_are_refused_leaves_no_wheel_turning() -> None:
             assert p.rpm() == (0, 0)
         else:
             assert p.rpm() == pytest.approx((100, 100), abs=2)
+
+
+# What has set wheels in motion never ends as "nothing was done"
+
+
+@pytest.mark.parametrize("who", ["wheel", "both"])
+@on_virtual_clock
+async def test_a_timed_run_whose_end_could_not_be_sent_is_not_told_as_nothing_done(who: str) -> None:
+    async with plant(WatchedZlac(watchdog=0), config=BusConfig(echo=False)) as p:
+        run = p.base.left.run(60, duration=1.0) if who == "wheel" else p.base.run(60, 60, duration=1.0)
+        await asyncio.sleep(0.9)
+        p.line.babble(itertools.repeat(0.001, 3000))  # no frame but a stop goes out
+        with pytest.raises(MotionError) as failed:
+            await run
+        assert not isinstance(failed.value, NotSent)
+        await asyncio.sleep(3.0)
+        assert p.rpm() == (0, 0)
+
+
+@on_virtual_clock
+async def test_a_speed_that_could_not_be_told_is_not_told_as_nothing_done_where_the_wheel_is_stopped_for_it() -> None:
+    async with plant(WatchedZlac(watchdog=0), config=BusConfig(echo=False)) as p:
+        await p.base.left.run(60)
+        p.line.babble(itertools.repeat(0.001, 1500))
+        with pytest.raises(MotionError) as failed:
+            await p.base.left.run(30)
+        assert not isinstance(failed.value, NotSent)
+        await asyncio.sleep(3.0)
+        assert p.rpm() == (0, 0)
+
+
+@on_virtual_clock
+async def test_the_end_of_a_timed_run_goes_before_looks_that_only_wait_for_it() -> None:
+    sim = WatchedZlac(watchdog=0)
+    line = VirtualLine(sim, baudrate=38400)
+    async with open_bus(line, baudrate=38400, config=BusConfig(echo=False)) as bus:
+        base = Zlac8015d(bus, 1)
+        await base.enable()
+        runs = base.left.run(60, duration=1.0), base.right.run(-60, duration=1.0)
+        await asyncio.sleep(0.95)
+        line.babble(itertools.repeat(0.001, 650))  # until both should stand
+        ended = asyncio.get_running_loop().time() + 0.65 + 0.6
+        for run in runs:
+            with pytest.raises(MoveFailed, match="should have gone"):
+                await run
+        assert asyncio.get_running_loop().time() < ended

@@ -23,7 +23,6 @@ from rs485bus.errors import (
     OutcomeUnknown,
     RequestFailed,
 )
-from rs485bus.motion.courses import is_speed
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.look_budget import SILENT
@@ -42,6 +41,7 @@ from rs485bus.motion.plan import (
     Start,
     Step,
 )
+from rs485bus.motion.profile import is_speed
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor

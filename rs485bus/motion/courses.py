@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from rs485bus.motion.profile import Profile, RunProfile
+from rs485bus.motion.profile import Profile, RunProfile, is_speed
 from rs485bus.motion.run_limits import RunLimits
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
@@ -23,15 +23,8 @@ SETTLING = 0.3
 _FOREVER = float("inf")
 _SHOWS = 10
 """An axis that should have gone this many times as far as a standing one may seem to go, and did not, is held up."""
-_FAR_APART, _MUCH_LESS = 0.1, 0.7
-_CLOSE_RPM, _CLOSE = 2.0, 0.03
-"""By how much a speed may differ from the one that was told: in rpm, or as a part of it."""
+_FAR_APART, MUCH_LESS = 0.1, 0.7
 LOOK_AGAIN, LOOK_SOON = 0.05, 0.01
-
-
-def is_speed(measured: float, rpm: float) -> bool:
-    """Whether a speed is the one that was told."""
-    return abs(measured - rpm) <= max(_CLOSE_RPM, _CLOSE * abs(rpm))
 
 
 class Verdict(enum.Enum):
@@ -63,6 +56,8 @@ class Course(ABC):
     """Seconds between two looks, where others depend on the axis."""
     keeps = False
     """It goes on until something ends it: nobody waits for its end."""
+    deadline = _FOREVER
+    """When it must have ended."""
     facts: tuple[Fact, ...] = ()
     """What it may want to know beside what every axis is asked that moves."""
 
@@ -118,12 +113,21 @@ class Course(ABC):
         """Whether something is wrong, by what the drive says, or by its position."""
         state = self.state
         return bool(
-            state.lost != self._lost
+            self.has_lost_reference
             or state.value(Fact.FAULT)
             or (state.value(Fact.STALLED) and not self._stalled and state.stands is not False)
-            or state.value(Fact.ENABLED) is False
+            or self._is_let_go()
             or self._is_at_a_limit()
         )
+
+    @property
+    def has_lost_reference(self) -> bool:
+        """Whether its positions are not to be trusted any more since it began."""
+        return self.state.lost != self._lost
+
+    def _is_let_go(self) -> bool:
+        """Whether its motor does not hold it any more."""
+        return self.state.value(Fact.ENABLED) is False
 
     def _is_at_a_limit(self) -> bool:
         """Whether it has come to a limit since it began."""
@@ -136,6 +140,9 @@ class Course(ABC):
     def _stands(self) -> bool:
         """Whether it stands, though it had the time to start."""
         return self.state.stands is True and self.state.standstill.until >= self.begun_at
+
+    def _in_time(self, longer: float = 0.0) -> Verdict:
+        return Verdict.OVERDUE if self._is_overdue(self.deadline + longer) else Verdict.GOES_ON
 
     def _is_overdue(self, deadline: float) -> bool:
         """Whether it was asked after a time and had not ended. That an answer takes long says nothing."""
@@ -156,7 +163,7 @@ class Course(ABC):
         if begin < self.begun_at or end - begin < _FAR_APART:
             return False
         ways = [abs(turns_after(end - late) - turns_after(begin - late)) for late in (self.started_at, self.begun_at)]
-        return abs(way) < _MUCH_LESS * min(ways) * counts_per_turn - _SHOWS * self.state.rule.same
+        return abs(way) < MUCH_LESS * min(ways) * counts_per_turn - _SHOWS * self.state.rule.same
 
     def _due_at_end(self, fact: Fact, end: float, pause: float) -> float:
         """When to ask for a fact, to see the axis stand soon after a time."""
@@ -229,7 +236,7 @@ class MoveCourse(Course):
         return super().between[0], self.target
 
     def place(self) -> str:
-        deviation = abs(self.state.rule.moved(self.state.last(Fact.POSITION).value, self.target))
+        deviation = abs(self._way(self.state.last(Fact.POSITION).value, self.target))
         return f"stands {deviation} {self.state.unit} short of where it was sent"
 
     @property
@@ -283,9 +290,6 @@ class MoveCourse(Course):
         # It may have been sent just there.
         arrives = self.deviation is not None and self.deviation <= self.tolerance
         return super()._is_at_a_limit() and not arrives
-
-    def _in_time(self, longer: float = 0.0) -> Verdict:
-        return Verdict.OVERDUE if self._is_overdue(self.deadline + longer) else Verdict.GOES_ON
 
     def _has_moved(self) -> bool:
         """Whether it can be seen that it has gone some of its way, or had the time for a way that cannot be seen."""
@@ -385,9 +389,6 @@ class RunCourse(Course):
             asked = self.state.known(Fact.SPEED).at
             return self.eta if asked < self.eta else asked + LOOK_AGAIN
         return _FOREVER
-
-    def _in_time(self) -> Verdict:
-        return Verdict.OVERDUE if self._is_overdue(self.deadline) else Verdict.GOES_ON
 
     def _has_speed(self) -> bool:
         speed = self.state.known(Fact.SPEED)

@@ -28,7 +28,7 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
         return DriveFault(f"{place}: the drive reports {fault}. {drive.fault_remedy}".rstrip())
     if state.value(Fact.STALLED):
         return MotorStalled(f"{place}: the drive reports a stall. {drive.stall_remedy}")
-    if state.lost:
+    if state.lost and course.has_lost_reference:
         return ReferenceLost(f"{place}: {state.lost} {LOST}")
     if state.value(Fact.ENABLED) is False and (halted_by := drive.halted_by(axis)):
         return MoveFailed(f"{place}: {halted_by}")

@@ -58,6 +58,8 @@ class Effect:
     """It has the motor hold the shaft, or let go of it; None if it leaves that alone."""
     restarts: str = ""
     """The drive restarts: why positions are not to be trusted then."""
+    keeps: bool = False
+    """It is a speed that the axis keeps until it is told otherwise."""
 
 
 NO_EFFECT = Effect()
@@ -332,6 +334,8 @@ class Drive(DeviceAdapter):
         axis.change(effect.changes, at)
         if effect.fastest is not None:
             axis.start(_OVERSHOOT * effect.fastest / 60 * self.ability(number).counts_per_turn)
+        if Fact.RUNNING in effect.changes or effect.holds is False:
+            axis.keeps = effect.keeps
         if effect.stops:
             axis.stopped_at = at
         if effect.shifts:

@@ -244,17 +244,16 @@ class MoveExecutor:
         """A command has failed that was begun at a time. If it was to move the axis, see that it stands, or stop it: a
         drive that refuses a command may have begun it, and what it did before it goes on doing.
 
-        Returns whether the command has had the axis begin or end something: it has not done nothing.
+        Returns whether because of the command the axis has begun something or was stopped.
         """
         if not isinstance(failed, Move):
             return False
-        is_stopped = False
         if self._state.motion.may_move and not self._stops.is_stopping:
             self.stumble()
-            is_stopped = not await self._carrier.is_seen_standing()
-            if is_stopped:
+            if not await self._carrier.is_seen_standing():
                 self._stops.stop_if_moving()
-        return is_stopped or failed.started_at is not None or self._state.stopped_at >= since
+                return True
+        return failed.started_at is not None or self._state.stopped_at >= since
 
     # Parts of them
 

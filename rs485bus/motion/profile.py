@@ -12,6 +12,15 @@ from dataclasses import dataclass, field
 _MINUTE = 60.0
 
 
+_CLOSE_RPM, _CLOSE = 2.0, 0.03
+"""By how much a speed may differ from the one that was told: in rpm, or as a part of it."""
+
+
+def is_speed(measured: float, rpm: float) -> bool:
+    """Whether a speed is the one that was told."""
+    return abs(measured - rpm) <= max(_CLOSE_RPM, _CLOSE * abs(rpm))
+
+
 @dataclass(frozen=True, slots=True)
 class Profile:
     """One move.

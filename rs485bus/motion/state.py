@@ -35,6 +35,8 @@ class Fact(enum.Enum):
     FAULT = "fault"
     """What the drive reports, in words; empty if there is none."""
     STALLED = "stalled"
+    PUSHES = "pushes"
+    """Whether it says that it drives the motor to a speed or at it: where it stands then, something holds the shaft."""
     LIMIT = "limit"
     """The limit that is reached, in words; empty if there is none."""
     HOMED = "homed"
@@ -47,7 +49,7 @@ class Fact(enum.Enum):
     __hash__ = object.__hash__
 
 
-MOTION = frozenset({Fact.POSITION, Fact.RUNNING, Fact.SPEED})
+MOTION = frozenset({Fact.POSITION, Fact.RUNNING, Fact.SPEED, Fact.PUSHES})
 """What a frame that starts or stops an axis changes."""
 Facts = Mapping[Fact, Any]
 
@@ -100,6 +102,8 @@ class AxisState:
         """When it was asked what it answered first after that; None where its position was told since."""
         self.was_unheard = False
         """Its drive was not heard for so long, before its last answer, that it may have restarted."""
+        self.keeps = False
+        """It was told a speed that it keeps until it is told otherwise, whoever told it."""
         self.counts_anew = False
         """Its drive looks for its reference, and counts from there: no position shows that it has restarted."""
         self.stopped_at = NEVER

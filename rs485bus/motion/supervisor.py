@@ -143,7 +143,7 @@ class Supervisor:
             if watched.silent and self._drive.state.heard_at > self._since:
                 watched.silent = False
                 watched.tell(EventKind.BACK, "its drive answers again")
-            if watched.starting or (watched.course is None and not self._may_move(watched)):
+            if watched.starting or (watched.course is None and not self._may_move(axis, watched)):
                 continue
             active = True
             if not self._is_being_stopped(watched):
@@ -165,14 +165,16 @@ class Supervisor:
                 owner.stops.restarted(owner.units[self._drive.address])
                 watched.tell(EventKind.RESTART, watched.lost)
 
-    def _may_move(self, watched: Watched) -> bool:
+    def _may_move(self, axis: int, watched: Watched) -> bool:
         state = watched.state
         if not state.motion.may_move and state.stands is False and state.value(Fact.RUNNING):
             # Somebody else has set it in motion.
             state.motion.moves()
             state.start(_FOREVER)
+            state.keeps = False  # what it was told before has ended
         if state.motion.may_move:
-            watched.course = ForeignCourse("motion", state, state.motion.commanded_at, self._drive.start_grace)
+            begun, grace = state.motion.commanded_at, self._drive.start_grace
+            watched.course = ForeignCourse("motion", state, begun, grace, proof=self._drive.wanted(axis))
         return state.motion.may_move
 
     def _is_being_stopped(self, watched: Watched) -> bool:

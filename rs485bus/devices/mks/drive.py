@@ -118,7 +118,7 @@ class MksDrive(Drive):
         self.watchdog = MksWatchdog(address)
         self._readings = (
             Reading(read(address, r.POSITION), frozenset({Fact.POSITION}), _position),
-            Reading(read(address, r.STATUS), frozenset({Fact.RUNNING}), _status),
+            Reading(read(address, r.STATUS), frozenset({Fact.RUNNING, Fact.PUSHES}), _status),
             Reading(read(address, r.SPEED), frozenset({Fact.SPEED}), self._speed),
             Reading(read(address, r.ENABLED), frozenset({Fact.ENABLED}), _enabled),
             Reading(read(address, r.STALLED), frozenset({Fact.STALLED}), _stalled),
@@ -163,7 +163,7 @@ class MksDrive(Drive):
             return (Effect(MOTION | {Fact.ENABLED, Fact.STALLED, Fact.MARK}, _FOREVER, shifts=True),)
         if what.address in _MOVING_BLOCKS:
             code = values[_SPEED_AT.get(what.address, 1)]
-            return (Effect(MOTION, self._ability.rpm_of(code)) if code else STOPS,)
+            return (Effect(MOTION, self._ability.rpm_of(code), keeps=what is r.RUN) if code else STOPS,)
         if what.address in _RESTARTING:
             return (Effect(frozenset(Fact), _FOREVER, restarts="it was restarted."),)
         return (_EFFECTS.get(what.address, NO_EFFECT) if what is not r.ENABLE else _enabling(values[0]),)
@@ -384,7 +384,8 @@ def _status(data: bytes) -> Sequence[Facts]:
     status = r.STATUS.decode(data)
     known = status in (Status.STOPPED, Status.SPEEDING_UP, Status.SLOWING_DOWN, Status.FULL_SPEED)
     busy = status in (Status.HOMING, Status.CALIBRATING)
-    return ({Fact.RUNNING: status is not Status.STOPPED if known or busy else None},)
+    pushes = status in (Status.SPEEDING_UP, Status.FULL_SPEED)
+    return ({Fact.RUNNING: status is not Status.STOPPED if known or busy else None, Fact.PUSHES: pushes},)
 
 
 def _enabled(data: bytes) -> Sequence[Facts]:

@@ -95,6 +95,8 @@ class TlrDrive(Drive):
         self.rotation = (Fact.MARK,) if keeps_target else ()
         self.ran_at = self.not_homed_at = NEVER
         """When it last said that it runs, and that it is not homed."""
+        self.closed_at: dict[int, float] = {}
+        """When inputs were last seen active, by their functions."""
         self._word = ControlWord.NONE
         """What the control word was last set to."""
         self._sent: dict[int, int] = {}
@@ -173,6 +175,10 @@ class TlrDrive(Drive):
             self.ran_at = running.at
         if homed.value is False:
             self.not_homed_at = homed.at
+        inputs = axis.known(Fact.INPUTS)
+        for port, function in enumerate(self._functions):
+            if inputs.value is not None and inputs.value & (1 << port):
+                self.closed_at[function] = inputs.at
         if axis.value(Fact.FAULT) and axis.holds is not False:
             axis.holds = False
             if axis.motion.may_move:

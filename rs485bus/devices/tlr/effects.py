@@ -51,7 +51,7 @@ def effect_of(request: Request, word: ControlWord, sent: Mapping[int, int], may_
     if not registers.keys().isdisjoint(_COUNTING):
         return Effect(changes | {Fact.POSITION}, shifts=True)
     if not registers.keys().isdisjoint(_JOG) and JOGGING in word and may_move:
-        return Effect(changes | MOTION, _jog_speed(sent))
+        return _jogs(sent, changes)
     return Effect(changes)
 
 
@@ -64,10 +64,11 @@ def _controlled(word: ControlWord, sent: Mapping[int, int], may_move: bool) -> E
         speeds = (sent.get(register.address, _FOREVER) for register in (r.MOVE_SPEED, r.START_SPEED))
         return Effect(MOTION, max(speeds))
     if word & ControlWord.JOG:
-        return Effect(MOTION, _jog_speed(sent))
+        return _jogs(sent)
     return Effect(MOTION if may_move else frozenset())  # it may end a jog
 
 
-def _jog_speed(sent: Mapping[int, int]) -> float:
+def _jogs(sent: Mapping[int, int], changes: frozenset[Fact] = frozenset()) -> Effect:
     raw = sent.get(r.JOG_SPEED.address)
-    return _FOREVER if raw is None else abs(raw - 0x10000 if raw >= 0x8000 else raw)
+    speed = _FOREVER if raw is None else abs(raw - 0x10000 if raw >= 0x8000 else raw)
+    return Effect(changes | MOTION, speed, keeps=speed > 0)

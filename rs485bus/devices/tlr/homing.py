@@ -20,11 +20,14 @@ from rs485bus.errors import (
 )
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.plan import Ask, Ended, Know, Plan, Stand, Start
+from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.wire.frames import payload
 
 _PAUSE = 1.0
 """Seconds for which it may stand where it turns round. One that stands for longer has ended."""
+_STILL = 0.3
+"""The same before it has come to its switch, where it does not turn round."""
 _NOT_ENDED = "its last homing did not find the origin."
 
 
@@ -146,6 +149,7 @@ class _Search:
         self._drive = drive
         self._axis = drive.axis
         self._here = mode is HomingMode.HERE
+        self._switch = mode.needs
         self._was_homed = self._axis.value(Fact.HOMED)
         self._began_at = self._axis.value(Fact.POSITION)
 
@@ -173,7 +177,9 @@ class _Search:
 
     @property
     def _stands_long(self) -> bool:
-        return self._axis.standstill.unmoved > _PAUSE
+        still, switch = self._axis.standstill, self._switch
+        turns_round = switch is None or self._since_start(self._drive.closed_at.get(switch, NEVER))
+        return still.unmoved > (_PAUSE if turns_round or not still.has_moved else _STILL)
 
     def _since_start(self, at: float) -> bool:
         return at >= self._axis.motion.commanded_at

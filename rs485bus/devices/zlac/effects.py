@@ -37,6 +37,7 @@ class _Effect:
     shifts: bool = False
     holds: bool | None = None
     restarts: str = ""
+    keeps: bool = False
 
     def moves(self, fastest: float) -> None:
         self.changes |= MOTION
@@ -47,7 +48,8 @@ class _Effect:
         self.stops = True
 
     def told(self) -> Effect:
-        return Effect(frozenset(self.changes), self.fastest, self.stops, self.shifts, self.holds, self.restarts)
+        changes = frozenset(self.changes)
+        return Effect(changes, self.fastest, self.stops, self.shifts, self.holds, self.restarts, self.keeps)
 
 
 def effects(memory: ZlacMemory, request: Request) -> tuple[Effect, Effect]:
@@ -75,6 +77,7 @@ def _of_wheel(memory: ZlacMemory, words: dict[int, int], side: Side) -> _Effect:
     if velocity is not None and mode in (ControlMode.VELOCITY, None):
         if velocity:
             effect.moves(abs(velocity) / (memory.value(r.SPEED_RESOLUTION) or 1))
+            effect.keeps = mode is ControlMode.VELOCITY
         else:
             effect.stands()
     if torque is not None and mode in (ControlMode.TORQUE, None):

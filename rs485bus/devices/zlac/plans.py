@@ -16,9 +16,9 @@ from rs485bus.devices.zlac.frames import control, read, write, write_together, w
 from rs485bus.devices.zlac.setup import set_up
 from rs485bus.devices.zlac.values import ControlMode, ControlWord, Side, Synchrony, ZeroReset
 from rs485bus.errors import DriveFault, LimitExceeded, NotEnabled, NotSupported
-from rs485bus.motion.courses import is_speed
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ask, Know, OthersStand, Plan, Stand, Start
+from rs485bus.motion.profile import is_speed
 from rs485bus.motion.state import Fact
 from rs485bus.motion.streaming import STEP
 from rs485bus.wire.frames import Request, payload

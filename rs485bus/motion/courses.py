@@ -110,11 +110,13 @@ class Course(ABC):
         return "has stopped"
 
     def _is_troubled(self) -> bool:
-        """Whether something is wrong, by what the drive says, or by its position."""
+        """Whether something is wrong, by its position, or by what the drive says."""
+        return self.has_lost_reference or self._reports_trouble()
+
+    def _reports_trouble(self) -> bool:
         state = self.state
         return bool(
-            self.has_lost_reference
-            or state.value(Fact.FAULT)
+            state.value(Fact.FAULT)
             or (state.value(Fact.STALLED) and not self._stalled and state.stands is not False)
             or self._is_let_go()
             or self._is_at_a_limit()

@@ -110,6 +110,14 @@ class ForeignCourse(Course):
         self._see()
         return super().judge()
 
+    def failed(self) -> None:
+        if self.state.value(Fact.ENABLED) is False:
+            self.state.holds = False  # that was told: it is no news that it does not start
+
+    def _is_troubled(self) -> bool:
+        # Who moves it may have it count anew, or otherwise; that is told where it is noticed.
+        return super()._is_troubled() if self.keeps else self._reports_trouble()
+
     def _is_let_go(self) -> bool:
         if self.keeps:
             return super()._is_let_go()

@@ -395,5 +395,5 @@ class Axis:
     def _was_stopped(self) -> None:
         self._executor.was_stopped()
 
-    async def _make_safe(self, failed: Handle[Any], since: float) -> bool:
-        return await self._executor.make_safe(failed, since)
+    async def _make_safe(self, failed: Handle[Any]) -> bool:
+        return await self._executor.make_safe(failed)

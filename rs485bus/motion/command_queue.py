@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import copy
 from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
@@ -10,6 +11,7 @@ from typing import Any, TypeVar
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, DeviceRefused, MotionError, MoveCancelled, MoveFailed, NotSent, QueueFull
+from rs485bus.motion.move import Move
 from rs485bus.wire.frames import is_read
 
 T = TypeVar("T")
@@ -28,8 +30,8 @@ class CommandQueue:
         name: the axis, in messages.
         upset: told when what is queued is not carried out as it was planned.
         stop: stops the axis; called when a command ends in an error that nobody foresaw.
-        make_safe: has the axis seen standing, or stopped, after a command that has failed. It is given that, and when
-            that was begun; it returns whether the axis has begun or ended something because of it.
+        make_safe: has the axis seen standing, or stopped, after a command that has failed; it is given that, and
+            returns whether it stops the axis.
     """
 
     def __init__(
@@ -38,7 +40,7 @@ class CommandQueue:
         name: str,
         upset: Callable[[], None],
         stop: Callable[[], object],
-        make_safe: Callable[[Handle[Any], float], Awaitable[bool]],
+        make_safe: Callable[[Handle[Any]], Awaitable[bool]],
     ) -> None:
         self._bus = bus
         self._name = name
@@ -194,13 +196,13 @@ class CommandQueue:
                         self._cancel_waiting(MoveCancelled(f"Cancelled: {self._name} was not seen standing before it."))
                     continue  # meanwhile what waited may have been taken out, or another stop have begun
                 handle, carry_out = self._waiting.popleft()
-                self._current, begun_at = handle, self._bus.now()
+                self._current = handle
                 self._end_block()
                 try:
                     result = await carry_out()
                 except Exception as error:
-                    if isinstance(error, BusError) and await self._make_safe(handle, begun_at):
-                        error = _of_a_motion(handle.what, error)
+                    if isinstance(error, BusError):
+                        error = _of_a_motion(handle, error, stopped=await self._make_safe(handle))
                     self._current = None
                     self._failed = handle
                     handle.fail(error)
@@ -225,13 +227,19 @@ class CommandQueue:
             handle.fail(error)
 
 
-def _of_a_motion(what: str, error: BusError) -> BusError:
-    """What a command failed of that has had an axis begin or end something: it is not said that nothing was done."""
+def _of_a_motion(handle: Handle[Any], error: BusError, *, stopped: bool) -> BusError:
+    """What a command failed of. It is not said that nothing was done where it has set the axis in motion; it is said
+    where the axis was stopped because it failed."""
     asking = isinstance(error, NotSent) or (isinstance(error, DeviceRefused) and is_read(error.request))
     if not asking or isinstance(error, MotionError):
         return error
-    failed = MoveFailed(
-        f"{what} was begun, and ended when its drive could not be asked: {str(error).replace(' Nothing was done.', '')}"
-    )
+    told = str(error).replace(" Nothing was done.", "")
+    if isinstance(handle, Move) and handle.started_at is not None:
+        failed: BusError = MoveFailed(f"{handle.what} was begun, and ended when its drive could not be asked: {told}")
+    elif stopped:
+        failed = copy.copy(error)
+        failed.args = (f"{told} The axis turned before, and was stopped.",)
+    else:
+        return error
     failed.__cause__ = error
     return failed

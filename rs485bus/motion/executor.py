@@ -240,20 +240,15 @@ class MoveExecutor:
             self.commanded = None if was_moved else self.commanded
         return position
 
-    async def make_safe(self, failed: Handle[Any], since: float) -> bool:
-        """A command has failed that was begun at a time. If it was to move the axis, see that it stands, or stop it: a
-        drive that refuses a command may have begun it, and what it did before it goes on doing.
-
-        Returns whether because of the command the axis has begun something or was stopped.
-        """
-        if not isinstance(failed, Move):
+    async def make_safe(self, failed: Handle[Any]) -> bool:
+        """See it stand if a move has failed, or stop it: it may have begun, or goes on with what it did before. Whether
+        it is being stopped for that."""
+        if not isinstance(failed, Move) or not self._state.motion.may_move or self._stops.is_stopping:
             return False
-        if self._state.motion.may_move and not self._stops.is_stopping:
-            self.stumble()
-            if not await self._carrier.is_seen_standing():
-                self._stops.stop_if_moving()
-                return True
-        return failed.started_at is not None or self._state.stopped_at >= since
+        self.stumble()
+        if stops := not await self._carrier.is_seen_standing():
+            self._stops.stop_if_moving()
+        return stops
 
     # Parts of them
 

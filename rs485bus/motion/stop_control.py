@@ -58,7 +58,7 @@ class StopControl:
         supervisor: Supervisor,
         on_plans_off: Callable[[], None],
         on_stop: Callable[[], None],
-        make_safe: Callable[[Handle[Any], float], Awaitable[bool]],
+        make_safe: Callable[[Handle[Any]], Awaitable[bool]],
         tell: Callable[[EventKind, str], None],
     ) -> None:
         self.queue = CommandQueue(bus, name, on_plans_off, lambda: self.begin_stop(emergency=True), make_safe)

@@ -113,7 +113,7 @@ class RemoteAxis(Remote):
 
         A set-point holds for `timeout` seconds after it was given here: its way over the network counts.
         """
-        return RemoteStream(self, self._session, self._outbox, timeout, values=1)
+        return RemoteStream(self.name, self.moves, self._session, self._outbox, timeout, values=1)
 
     def position(self) -> Handle[float]:
         """Where it is, in its units: its drive is asked."""
@@ -217,7 +217,7 @@ class RemoteVehicle(Remote):
 
     def stream(self, timeout: float = 0.25) -> RemoteStream:
         """As `DifferentialDrive.stream`: `setpoint(v, omega)`."""
-        return RemoteStream(self, self._session, self._outbox, timeout, values=2)
+        return RemoteStream(self.name, self.moves, self._session, self._outbox, timeout, values=2)
 
 
 def _number(name: str, value: float) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from types import TracebackType
-from typing import TYPE_CHECKING
 
 from rs485bus.arguments import real
 from rs485bus.errors import BusError, MotionError, MoveCancelled
@@ -13,9 +12,6 @@ from rs485bus.remote.handles import RemoteMove
 from rs485bus.remote.outbox import Outbox
 from rs485bus.remote.session import Session
 from rs485bus.service.schema import SetPoint
-
-if TYPE_CHECKING:
-    from rs485bus.remote.axis import Remote
 
 _OPENING = 5.0
 """Seconds within which the service must open it."""
@@ -25,15 +21,19 @@ class RemoteStream:
     """`async with axis.stream() as setpoint: setpoint(rpm)`. The newest set-point counts. Leaving the block stops.
 
     Args:
-        target: what it sets.
+        name: what it sets.
+        moves: the names of the axes that this moves.
         session: the connection.
         outbox: says the verbs.
         timeout: seconds for which a set-point holds.
         values: how many numbers it has.
     """
 
-    def __init__(self, target: Remote, session: Session, outbox: Outbox, timeout: float, values: int) -> None:
-        self._target = target
+    def __init__(
+        self, name: str, moves: frozenset[str], session: Session, outbox: Outbox, timeout: float, values: int
+    ) -> None:
+        self._name = name
+        self._moves = moves
         self._session = session
         self._outbox = outbox
         self._timeout = timeout
@@ -50,16 +50,16 @@ class RemoteStream:
             TypeError: it takes another number of values, or something is no number.
         """
         if len(values) != self._values:
-            raise TypeError(f"a set-point of {self._target.name} has {self._values} values, not {len(values)}")
+            raise TypeError(f"a set-point of {self._name} has {self._values} values, not {len(values)}")
         numbers = [real("set-point", value) for value in values]
         handle, session = self._handle, self._session
         if handle is None or handle.request is None:
-            raise MotionError(f"The stream of {self._target.name} is not open: async with ... as setpoint.")
+            raise MotionError(f"The stream of {self._name} is not open: async with ... as setpoint.")
         if handle.done():
             if handle.error is not None:
                 handle.seen = True
                 raise handle.error
-            raise MotionError(f"The stream of {self._target.name} is over.")
+            raise MotionError(f"The stream of {self._name} is over.")
         said = SetPoint(
             stream=handle.request,
             client=session.client,
@@ -69,7 +69,7 @@ class RemoteStream:
             values=numbers,
         )
         self._count += 1
-        session.put(session.topics.setpoint(self._target.name), said)
+        session.put(session.topics.setpoint(self._name), said)
 
     async def __aenter__(self) -> RemoteStream:
         """Open it.
@@ -77,7 +77,7 @@ class RemoteStream:
         Raises:
             NotInControl, MotionError, NotSent: why it cannot be opened.
         """
-        handle = self._outbox.verb(self._target.name, "stream", {"timeout": self._timeout}, self._target.moves)
+        handle = self._outbox.verb(self._name, "stream", {"timeout": self._timeout}, self._moves)
         self._handle, self._count = handle, 0
         try:
             async with asyncio.timeout(_OPENING):
@@ -98,12 +98,12 @@ class RemoteStream:
         handle = self._handle
         assert handle is not None
         if not handle.done() and handle.request is not None:
-            ending = self._outbox.verb(self._target.name, "end_stream", {"stream": handle.request}, self._target.moves)
+            ending = self._outbox.verb(self._name, "end_stream", {"stream": handle.request}, self._moves)
             ending.seen = True
             try:
                 await ending.wait()
             except BusError:
-                self._target.stop().seen = True
+                self._outbox.stop(self._moves, everything=False).seen = True
         handle.seen = True
         if error is None:
             with contextlib.suppress(MoveCancelled):  # somebody stopped it

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import write
+from rs485bus.devices.zlac.known import KnownZlac
 from rs485bus.devices.zlac.values import Brake
 from rs485bus.errors import NotSupported
 from rs485bus.motion.plan import Ask, Plan, Stand
 from rs485bus.wire.registers import Register
-
-if TYPE_CHECKING:
-    from rs485bus.devices.zlac.drive import ZlacDrive
 
 T = TypeVar("T")
 
@@ -24,7 +22,7 @@ _SET_ELSEWHERE: Final[tuple[Register[Any], ...]] = (
 """What the facade writes itself, or what changes who answers."""
 
 
-def check_parameter(drive: ZlacDrive, register: Register[T], value: T) -> None:
+def check_parameter(drive: KnownZlac, register: Register[T], value: T) -> None:
     """Raise `LimitExceeded` or `NotSupported` for what is not to be set."""
     register.raw(value)
     if register.access == "r" or register in _SET_ELSEWHERE:
@@ -34,7 +32,7 @@ def check_parameter(drive: ZlacDrive, register: Register[T], value: T) -> None:
         )
 
 
-def write_parameter(drive: ZlacDrive, register: Register[T], value: T, save: bool) -> Plan[None]:
+def write_parameter(drive: KnownZlac, register: Register[T], value: T, save: bool) -> Plan[None]:
     """Set a parameter. To be saved it is written while 0x2010 is 1, and nothing else is: the EEPROM takes every write
     then, and not for ever."""
     flagged = save and register.address not in r.SAVED
@@ -51,7 +49,7 @@ def write_parameter(drive: ZlacDrive, register: Register[T], value: T, save: boo
         yield Ask(write(drive.address, r.SAVE_WRITES, False))
 
 
-def set_brakes(drive: ZlacDrive, left: Brake, right: Brake) -> Plan[None]:
+def set_brakes(drive: KnownZlac, left: Brake, right: Brake) -> Plan[None]:
     """Open or close the external brakes of standing wheels (3.6)."""
     yield Stand(whole=True)
     yield Ask(write(drive.address, r.BRAKE.left, left))

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
 
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import control, read, write, write_together, write_twins
+from rs485bus.devices.zlac.known import KnownZlac
 from rs485bus.devices.zlac.setup import set_up
 from rs485bus.devices.zlac.values import ControlMode, ControlWord, Side, Synchrony, ZeroReset
 from rs485bus.errors import DriveFault, LimitExceeded, NotEnabled, NotSupported
@@ -24,9 +24,6 @@ from rs485bus.motion.streaming import STEP
 from rs485bus.wire.frames import Request, payload
 from rs485bus.wire.registers import Repeat
 
-if TYPE_CHECKING:
-    from rs485bus.devices.zlac.drive import ZlacDrive
-
 _CLOSE = 0.05
 """By which part of it a ramp may be longer or shorter than it should be."""
 Targets = tuple[r.Twin[int], Mapping[int, int]]
@@ -36,7 +33,7 @@ _SIDES = tuple(Side)
 # Enabling
 
 
-def enable(drive: ZlacDrive) -> Plan[None]:
+def enable(drive: KnownZlac) -> Plan[None]:
     """Hold both wheels, with no target left from before. Raises `DriveFault`, `NotEnabled`."""
     yield Know((Fact.MARK,), afresh=True)
     yield from set_up(drive)
@@ -54,20 +51,20 @@ def enable(drive: ZlacDrive) -> Plan[None]:
     drive.paused, drive.ready = False, True
 
 
-def resume(drive: ZlacDrive) -> Plan[None]:
+def resume(drive: KnownZlac) -> Plan[None]:
     """Enable it again after a controlled stop that only an emergency stop could make."""
     if drive.paused:
         yield from enable(drive)
 
 
-def release(drive: ZlacDrive, *axes: int) -> Plan[None]:
+def release(drive: KnownZlac, *axes: int) -> Plan[None]:
     """Let go of both wheels (0x07), for some of them; the others stand first."""
     yield from _alone(drive, None, axes)
     drive.paused = False
     yield Ask(control(drive.address, ControlWord.RELEASE))
 
 
-def clear_faults(drive: ZlacDrive) -> Plan[None]:
+def clear_faults(drive: KnownZlac) -> Plan[None]:
     """Clear the errors of both wheels (0x06). Raises `DriveFault` where they are there again."""
     yield from _zero_targets(drive)
     yield Ask(control(drive.address, ControlWord.CLEAR_FAULT))
@@ -75,14 +72,14 @@ def clear_faults(drive: ZlacDrive) -> Plan[None]:
     check_faults(drive)
 
 
-def check_faults(drive: ZlacDrive) -> None:
+def check_faults(drive: KnownZlac) -> None:
     """Raise `DriveFault` if either wheel reports an error."""
     fault = drive.state.axes[0].value(Fact.FAULT)
     if fault:
         raise DriveFault(f"{drive.name} reports: {fault}. {drive.fault_remedy}")
 
 
-def _why_not(drive: ZlacDrive) -> Plan[str]:
+def _why_not(drive: KnownZlac) -> Plan[str]:
     if not drive.is_in_emergency_stop:
         return "It says that it is not enabled."
     inputs, _ = r.PORTS.decode(payload((yield Ask(read(drive.address, r.PORTS)))))
@@ -91,7 +88,7 @@ def _why_not(drive: ZlacDrive) -> Plan[str]:
     return f"It is in emergency stop, with inputs {active!r}. Release its emergency-stop input (0x2017, 0x2018)."
 
 
-def _zero_targets(drive: ZlacDrive) -> Plan[None]:
+def _zero_targets(drive: KnownZlac) -> Plan[None]:
     yield Ask(write_twins(drive.address, (r.TARGET_VELOCITY, 0, 0), (r.TARGET_POSITION, 0, 0)))
     yield Ask(write_twins(drive.address, (r.TARGET_TORQUE, 0, 0)))
 
@@ -99,7 +96,7 @@ def _zero_targets(drive: ZlacDrive) -> Plan[None]:
 # Modes
 
 
-def enter(drive: ZlacDrive, mode: ControlMode, synchrony: Synchrony, axes: Iterable[int]) -> Plan[None]:
+def enter(drive: KnownZlac, mode: ControlMode, synchrony: Synchrony, axes: Iterable[int]) -> Plan[None]:
     """Have the drive in a mode, for wheels that stand. Raises `NotSupported`."""
     memory, address = drive.memory, drive.address
     while memory.value(r.MODE) is not mode or memory.value(r.SYNCHRONY) is not synchrony:
@@ -112,7 +109,7 @@ def enter(drive: ZlacDrive, mode: ControlMode, synchrony: Synchrony, axes: Itera
             yield Ask(control(address, ControlWord.ENABLE))
 
 
-def check_alone(drive: ZlacDrive, mode: ControlMode | None, axes: Iterable[int]) -> None:
+def check_alone(drive: KnownZlac, mode: ControlMode | None, axes: Iterable[int]) -> None:
     """Raise `NotSupported` where a wheel that takes no part keeps a speed or a torque in another mode."""
     for axis, side in enumerate(Side):
         kept = drive.kept(axis)
@@ -123,7 +120,7 @@ def check_alone(drive: ZlacDrive, mode: ControlMode | None, axes: Iterable[int])
             )
 
 
-def _alone(drive: ZlacDrive, mode: ControlMode | None, axes: Iterable[int]) -> Plan[None]:
+def _alone(drive: KnownZlac, mode: ControlMode | None, axes: Iterable[int]) -> Plan[None]:
     """Wait until the wheels that take no part stand."""
     check_alone(drive, mode, axes)
     while any(state.motion.may_move for axis, state in enumerate(drive.state.axes) if axis not in axes):
@@ -131,7 +128,7 @@ def _alone(drive: ZlacDrive, mode: ControlMode | None, axes: Iterable[int]) -> P
         check_alone(drive, mode, axes)
 
 
-def _neutral(drive: ZlacDrive, mode: ControlMode) -> Plan[None]:
+def _neutral(drive: KnownZlac, mode: ControlMode) -> Plan[None]:
     """Give it targets that leave standing wheels where they are."""
     twin, values = r.TARGET_POSITION, (0, 0)
     if mode is ControlMode.POSITION_ABSOLUTE:
@@ -150,7 +147,7 @@ def _in_range(counts: int) -> int:
 # What it is told to do
 
 
-def move(drive: ZlacDrive, wanted: Mapping[int, tuple[int, MotionParameters]]) -> Plan[None]:
+def move(drive: KnownZlac, wanted: Mapping[int, tuple[int, MotionParameters]]) -> Plan[None]:
     """Send wheels to positions, in counts."""
     relative = any(abs(target) > r.MAX_ABSOLUTE for target, _ in wanted.values())
     mode = ControlMode.POSITION_RELATIVE if relative else ControlMode.POSITION_ABSOLUTE
@@ -176,7 +173,7 @@ def move(drive: ZlacDrive, wanted: Mapping[int, tuple[int, MotionParameters]]) -
     yield Start(drive.start_word(wanted), None, stopping, once=relative, shows_after=shows_after)
 
 
-def run(drive: ZlacDrive, wanted: Mapping[int, tuple[float, MotionParameters]]) -> Plan[None]:
+def run(drive: KnownZlac, wanted: Mapping[int, tuple[float, MotionParameters]]) -> Plan[None]:
     """Have wheels turn at speeds, in rpm, in the drive's direction."""
     if drive.mode is not ControlMode.VELOCITY:
         check_alone(drive, ControlMode.VELOCITY, wanted)
@@ -196,7 +193,7 @@ def run(drive: ZlacDrive, wanted: Mapping[int, tuple[float, MotionParameters]]) 
     yield Start(_targets(drive, r.TARGET_VELOCITY, steps), None, max(times.values()) / 1000, repeat=Repeat.SAFE)
 
 
-def stream(drive: ZlacDrive, axes: Iterable[int]) -> Plan[None]:
+def stream(drive: KnownZlac, axes: Iterable[int]) -> Plan[None]:
     """Have it ready for speeds that are told wheels as they come."""
     if drive.mode is not ControlMode.VELOCITY:
         check_alone(drive, ControlMode.VELOCITY, axes)
@@ -207,7 +204,7 @@ def stream(drive: ZlacDrive, axes: Iterable[int]) -> Plan[None]:
     yield from put(drive, (r.ACCELERATION_TIME, {}), (r.DECELERATION_TIME, {}))
 
 
-def setpoints(drive: ZlacDrive, speeds: Mapping[int, float], acceleration: float) -> tuple[Request, ...]:
+def setpoints(drive: KnownZlac, speeds: Mapping[int, float], acceleration: float) -> tuple[Request, ...]:
     """The frames that tell wheels of a stream their next speeds, with a ramp that is as gentle as the stream's.
 
     A stream makes steps. Where a ramp time is for any change, each is spread over the time of two steps: however small
@@ -231,7 +228,7 @@ def setpoints(drive: ZlacDrive, speeds: Mapping[int, float], acceleration: float
     return (targets,) if held else (write_twins(drive.address, *ramps), targets)
 
 
-def push(drive: ZlacDrive, wanted: Mapping[int, tuple[int, int | None]]) -> Plan[None]:
+def push(drive: KnownZlac, wanted: Mapping[int, tuple[int, int | None]]) -> Plan[None]:
     """Have wheels push: (mA, mA/s or None) in the drive's direction."""
     if drive.mode is not ControlMode.TORQUE:
         check_alone(drive, ControlMode.TORQUE, wanted)
@@ -247,7 +244,7 @@ def push(drive: ZlacDrive, wanted: Mapping[int, tuple[int, int | None]]) -> Plan
     yield Start(_targets(drive, r.TARGET_TORQUE, torques), None, 0.0, repeat=Repeat.SAFE)
 
 
-def zero(drive: ZlacDrive, axis: int) -> Plan[None]:
+def zero(drive: KnownZlac, axis: int) -> Plan[None]:
     """Have a wheel count from zero where it stands."""
     yield Know((Fact.ENABLED,))
     if drive.enabled:
@@ -268,7 +265,7 @@ def zero(drive: ZlacDrive, axis: int) -> Plan[None]:
 # Ramps and targets
 
 
-def put(drive: ZlacDrive, *wanted: Targets) -> Plan[None]:
+def put(drive: KnownZlac, *wanted: Targets) -> Plan[None]:
     """Write what lies side by side for both wheels, in one frame, unless the drive holds it already."""
     memory = drive.memory
     if any(memory.value(twin.of(side)) is None for twin, _ in wanted for side in Side):
@@ -283,7 +280,7 @@ def put(drive: ZlacDrive, *wanted: Targets) -> Plan[None]:
         yield Ask(write_twins(drive.address, *pairs))
 
 
-def change_to(drive: ZlacDrive, axis: int, rpm: float) -> float:
+def change_to(drive: KnownZlac, axis: int, rpm: float) -> float:
     """The change of speed, in rpm, that it is for a wheel to turn at a speed: from the one that it has now, or is
     changing to, whichever is further away."""
     state = drive.state.axes[axis]
@@ -294,7 +291,7 @@ def change_to(drive: ZlacDrive, axis: int, rpm: float) -> float:
     return abs(rpm - told) if is_speed(speed, told) else max(abs(rpm - told), abs(rpm - speed))
 
 
-def frames_for_stop(drive: ZlacDrive, axes: tuple[int, ...]) -> tuple[Request, ...]:
+def frames_for_stop(drive: KnownZlac, axes: tuple[int, ...]) -> tuple[Request, ...]:
     """What stops wheels that turn at speeds: target 0, with the ramp that fits the speed that they have."""
     memory, address = drive.memory, drive.address
     held = {side: memory.value(r.DECELERATION_TIME.of(side)) for side in Side}
@@ -327,7 +324,7 @@ def _is_close(held: int | None, wanted: int | None) -> bool:
     return abs((held or 0) - (wanted or 0)) <= _CLOSE * (wanted or 0)
 
 
-def _ramp_time(drive: ZlacDrive, axis: int, change: float, acceleration: float, *, refuse: bool = True) -> int:
+def _ramp_time(drive: KnownZlac, axis: int, change: float, acceleration: float, *, refuse: bool = True) -> int:
     """The ramp time, in ms, for a change of speed. A little more than a ramp may last is the longest one."""
     time = drive.abilities[axis].ramp_time(change, acceleration)
     if refuse and time > r.MAX_RAMP * (1 + _CLOSE):
@@ -339,7 +336,7 @@ def _ramp_time(drive: ZlacDrive, axis: int, change: float, acceleration: float, 
     return min(r.MAX_RAMP, round(time))
 
 
-def _targets(drive: ZlacDrive, twin: r.Twin[int], wanted: Mapping[int, int]) -> Request:
+def _targets(drive: KnownZlac, twin: r.Twin[int], wanted: Mapping[int, int]) -> Request:
     """One frame for both wheels, or for one."""
     if len(wanted) == len(Side):
         return write_twins(drive.address, (twin, wanted[0], wanted[1]))

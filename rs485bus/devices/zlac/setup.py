@@ -4,20 +4,18 @@ restarted. Source: ZLAC8015D RS485 V1.06, the section named at each. Pure."""
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from rs485bus.bus.watchdog.foreign import OPTION
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import read, write
+from rs485bus.devices.zlac.known import KnownZlac
+from rs485bus.devices.zlac.known import ZlacSetup as ZlacSetup
 from rs485bus.devices.zlac.values import Brake, PowerOnShaft, Side, Synchrony
 from rs485bus.errors import MotionError
 from rs485bus.motion.plan import Ask, KeepFed, Plan
 from rs485bus.wire.frames import payload
 from rs485bus.wire.registers import Block, Register
-
-if TYPE_CHECKING:
-    from rs485bus.devices.zlac.drive import ZlacDrive
 
 T = TypeVar("T")
 
@@ -31,25 +29,7 @@ _NEEDED: tuple[Register[Any], ...] = (
 """What moves depend on. Where one of them may have changed, the drive is set up again."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ZlacSetup:
-    """What was found at connect."""
-
-    version: int
-    """Of its software (0x20A0)."""
-    counts_per_turn: tuple[int, int]
-    """Left and right: four to an encoder line (0x2030, 0x2060)."""
-    speed_resolution: int
-    """Steps to one rpm (0x2022)."""
-    speed_limit: float
-    """rpm: the least of what was asked for, 0x2008 and 3000."""
-    watchdog: int
-    """ms (0x2000); 0 is off."""
-    remarks: tuple[str, ...]
-    """What differed from what was asked for, or is better known. It was logged, too."""
-
-
-def set_up(drive: ZlacDrive) -> Plan[ZlacSetup]:
+def set_up(drive: KnownZlac) -> Plan[ZlacSetup]:
     """Know what must be known, once until the drive may have changed. What was found, now or before.
 
     Raises:
@@ -62,7 +42,7 @@ def set_up(drive: ZlacDrive) -> Plan[ZlacSetup]:
     return drive.setup
 
 
-def _set_up(drive: ZlacDrive) -> Plan[ZlacSetup]:
+def _set_up(drive: KnownZlac) -> Plan[ZlacSetup]:
     remarks: list[str] = []
     yield from _modes(drive, remarks)
     yield from _speeds(drive, remarks)
@@ -87,15 +67,15 @@ def _set_up(drive: ZlacDrive) -> Plan[ZlacSetup]:
     )
 
 
-def _ask(drive: ZlacDrive, register: Register[T]) -> Plan[T]:
+def _ask(drive: KnownZlac, register: Register[T]) -> Plan[T]:
     return register.decode(payload((yield Ask(read(drive.address, register)))))
 
 
-def _ask_block(drive: ZlacDrive, block: Block) -> Plan[tuple[Any, ...]]:
+def _ask_block(drive: KnownZlac, block: Block) -> Plan[tuple[Any, ...]]:
     return block.decode(payload((yield Ask(read(drive.address, block)))))
 
 
-def _modes(drive: ZlacDrive, remarks: list[str]) -> Plan[None]:
+def _modes(drive: KnownZlac, remarks: list[str]) -> Plan[None]:
     _, _, _, saves = yield from _ask_block(drive, r.MODES)
     if saves:
         yield Ask(write(drive.address, r.SAVE_WRITES, False))
@@ -108,7 +88,7 @@ def _modes(drive: ZlacDrive, remarks: list[str]) -> Plan[None]:
         yield Ask(write(drive.address, r.SYNCHRONY, Synchrony.ASYNCHRONOUS))
 
 
-def _speeds(drive: ZlacDrive, remarks: list[str]) -> Plan[None]:
+def _speeds(drive: KnownZlac, remarks: list[str]) -> Plan[None]:
     asked = drive.options
     shaft, limit = yield from _ask_block(drive, r.SHAFT_AND_SPEED)
     if shaft is PowerOnShaft.LOCKED:
@@ -124,7 +104,7 @@ def _speeds(drive: ZlacDrive, remarks: list[str]) -> Plan[None]:
         yield Ask(write(drive.address, r.SPEED_RESOLUTION, asked.speed_resolution))
 
 
-def _counts(drive: ZlacDrive, remarks: list[str]) -> Plan[tuple[int, int]]:
+def _counts(drive: KnownZlac, remarks: list[str]) -> Plan[tuple[int, int]]:
     left = round((yield from _ask(drive, r.ENCODER_LINES.left)))
     right = round((yield from _ask(drive, r.ENCODER_LINES.right)))
     if not left or not right:
@@ -141,7 +121,7 @@ def _counts(drive: ZlacDrive, remarks: list[str]) -> Plan[tuple[int, int]]:
     return r.COUNTS_PER_LINE * left, r.COUNTS_PER_LINE * right
 
 
-def _watchdog(drive: ZlacDrive, remarks: list[str]) -> Plan[int]:
+def _watchdog(drive: KnownZlac, remarks: list[str]) -> Plan[int]:
     """A watchdog that is on is fed from now on, whoever set it: else it would stop every longer move."""
     milliseconds = yield from _ask(drive, r.WATCHDOG)
     if milliseconds == 0:

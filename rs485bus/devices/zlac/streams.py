@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from rs485bus.arguments import finite
+from rs485bus.devices.zlac.drive import ZlacDrive
+from rs485bus.devices.zlac.wheel import ZlacWheel
 from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.motion.move import Move
 from rs485bus.motion.setpoints import begin_block
 from rs485bus.motion.state import Fact
 from rs485bus.motion.streaming import STEP, Speeds, Streamer, Terms
 
-if TYPE_CHECKING:
-    from rs485bus.devices.zlac.drive import ZlacDrive
-    from rs485bus.devices.zlac.zlac import Zlac8015d
+Begin = Callable[[dict[int, float]], Awaitable[Streamer]]
+"""Begins a stream of wheels that have these speeds, by axis."""
 
 
 class PairSetpoint:
@@ -87,8 +88,10 @@ class PairStream:
     """A stream of set-points of both wheels. Made by `Zlac8015d.stream`.
 
     Args:
-        base: the drive's facade.
         drive: the drive.
+        wheels: the left and the right one.
+        queue: queues it for both, given what begins it when both have come to it.
+        stop: stops both.
         timeout: seconds after which a set-point is too old.
         acceleration: rpm/s of a wheel, up and down.
         needs: seconds that a change of both speeds, in rpm and in the drive's directions, takes at least; None for what
@@ -97,14 +100,18 @@ class PairStream:
 
     def __init__(
         self,
-        base: Zlac8015d,
         drive: ZlacDrive,
+        wheels: tuple[ZlacWheel, ZlacWheel],
+        queue: Callable[[Begin], tuple[Move, Move]],
+        stop: Callable[[], object],
         timeout: float,
         acceleration: float,
         needs: Callable[[Speeds], float] | None = None,
     ) -> None:
-        self._base = base
         self._drive = drive
+        self._wheels = wheels
+        self._queue = queue
+        self._stop = stop
         self._timeout = timeout
         self._acceleration = acceleration
         self._needs = needs
@@ -114,11 +121,9 @@ class PairStream:
         self._is_ended = False
 
     async def __aenter__(self) -> PairSetpoint:
-        base = self._base
-        wheels = (base.left, base.right)
         self._started, self._is_ended = asyncio.Event(), False
-        self._moves = base._queue_stream(self._begin)
-        signs = tuple(-1 if wheel.reverse else 1 for wheel in wheels)
+        self._moves = self._queue(self._begin)
+        signs = tuple(-1 if wheel.reverse else 1 for wheel in self._wheels)
         setpoint = self._setpoint = PairSetpoint(self._drive, self._moves, (signs[0], signs[1]))
         for move in self._moves:
             move.add_done_callback(lambda _: self._started.set())
@@ -148,14 +153,14 @@ class PairStream:
         errors = [each for each in ended if isinstance(each, BusError) and not isinstance(each, MoveCancelled)]
         if errors:
             raise errors[0]
-        for wheel in (self._base.left, self._base.right):
+        for wheel in self._wheels:
             await wheel._stops.stopped()  # where somebody else has stopped them
         return False
 
     async def _begin(self, speeds: dict[int, float]) -> Streamer:
         """Both wheels are ready, and have these speeds."""
         assert self._setpoint is not None
-        limits = [wheel._scale.count_limits for wheel in (self._base.left, self._base.right)]
+        limits = [wheel._scale.count_limits for wheel in self._wheels]
         terms = Terms(
             acceleration=self._acceleration,
             timeout=self._timeout,
@@ -163,9 +168,8 @@ class PairStream:
             limits=tuple(limits) if any(limits) else (),
             needs=self._needs,
         )
-        self._setpoint.streamer = Streamer(
-            self._base.bus, self._drive, (0, 1), terms, (speeds[0], speeds[1]), self._base.left._streams.notice_stale
-        )
+        left, told = self._wheels[0], (speeds[0], speeds[1])
+        self._setpoint.streamer = Streamer(left.bus, self._drive, (0, 1), terms, told, left._streams.notice_stale)
         self._started.set()
         if self._is_ended:
             self._end()
@@ -180,4 +184,4 @@ class PairStream:
         for move in self._moves or ():
             move.seen = True
         if any(not move.done() for move in self._moves or ()):
-            self._base.stop()
+            self._stop()

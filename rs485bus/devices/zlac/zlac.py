@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from typing import Any, Literal, TypeVar
 
 from rs485bus.arguments import flag, pair, positive
@@ -22,7 +22,7 @@ from rs485bus.devices.zlac.memory import read_words
 from rs485bus.devices.zlac.parameters import check_parameter, set_brakes, write_parameter
 from rs485bus.devices.zlac.setup import ZlacSetup, set_up
 from rs485bus.devices.zlac.status import BLOCKS, ZlacStatus, status_from
-from rs485bus.devices.zlac.streams import PairStream
+from rs485bus.devices.zlac.streams import Begin, PairStream
 from rs485bus.devices.zlac.telemetry import Snapshot, snapshot
 from rs485bus.devices.zlac.together import Both
 from rs485bus.devices.zlac.values import Brake, Side
@@ -31,7 +31,7 @@ from rs485bus.devices.zlac.wheel import pair as pair_wheels
 from rs485bus.motion.move import Move
 from rs485bus.motion.plan import Plan, Stand
 from rs485bus.motion.state import Fact
-from rs485bus.motion.streaming import Speeds, Streamer
+from rs485bus.motion.streaming import Speeds
 from rs485bus.motion.supervisor import Supervisor
 from rs485bus.wire.frames import payload, unit_address
 from rs485bus.wire.registers import Block, Register
@@ -229,13 +229,16 @@ class Zlac8015d:
             LimitExceeded, TypeError: one of them is out of its range, or no number.
         """
         rate = positive("acceleration (rpm/s)", self.left.acceleration if acceleration is None else acceleration)
-        return PairStream(self, self._drive, positive("timeout (s)", timeout), rate)
+        return self._stream_as(positive("timeout (s)", timeout), rate)
 
-    def _stream_as(self, timeout: float, acceleration: float, needs: Callable[[Speeds], float]) -> PairStream:
+    def _stream_as(
+        self, timeout: float, acceleration: float, needs: Callable[[Speeds], float] | None = None
+    ) -> PairStream:
         """The same where a change of both speeds takes as long as `needs` says, in seconds. For a vehicle."""
-        return PairStream(self, self._drive, timeout, acceleration, needs)
+        how = self._queue_stream, self.stop, timeout, acceleration, needs
+        return PairStream(self._drive, self._wheels, *how)
 
-    def _queue_stream(self, begin: Callable[[dict[int, float]], Awaitable[Streamer]]) -> tuple[Move, Move]:
+    def _queue_stream(self, begin: Begin) -> tuple[Move, Move]:
         """Queue a stream of both wheels."""
         first = self.left._new_stream(begin)
         try:

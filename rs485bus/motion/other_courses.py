@@ -95,6 +95,7 @@ class ForeignCourse(Course):
         """Where it was last seen to have come to, in counts, and when."""
         self._has_gone = False
         """It was seen elsewhere since it was told to go on."""
+        self._was_seen_to_go = False
         self._rates = (NEVER, 0.0, 0.0)
         """When its position was last asked for, and how fast it went before, in counts a second: by the last two looks,
         and by the two before."""
@@ -121,8 +122,9 @@ class ForeignCourse(Course):
     def _is_let_go(self) -> bool:
         if self.keeps:
             return super()._is_let_go()
-        # Somebody may set it in motion, as he thinks, whose motor is not energised yet; or have let go of it.
-        return super()._is_let_go() and self._is_energised and self.state.holds is not False
+        # Somebody may set it in motion, as he thinks, whose motor is not energised yet; or have let go of it; or it was
+        # not set in motion at all.
+        return super()._is_let_go() and self._is_energised and self._was_seen_to_go and self.state.holds is not False
 
     def _judge(self) -> Verdict:
         state, still = self.state, self.state.standstill
@@ -153,6 +155,7 @@ class ForeignCourse(Course):
             self._place is None or abs(state.rule.moved(self._place[0], seen.value)) > state.rule.same
         ):
             self._has_gone = self._place is not None
+            self._was_seen_to_go = self._was_seen_to_go or self._has_gone
             self._place = seen.value, seen.at
         begin, end, way = state.last_way
         if end > self._rates[0] and end - begin > LOOK_SOON:

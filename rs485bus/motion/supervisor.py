@@ -101,6 +101,8 @@ class Supervisor:
         try:
             yield
         finally:
+            state = self._watched[axis].state
+            state.keeps, state.holds = False, None  # its drive may have stopped it, or let go of it: that was tried
             self.leave(axis)
             self.review()
 
@@ -275,6 +277,7 @@ class Supervisor:
             job.on_end = self._answered
         job.urgency = Urgency.CONFIRM if presses or job.attempts else Urgency.COMMAND
         self._job = job
+        self._wake_at(must.when)
         self._bus.submit(job)
         if not job.attempts:
             self._bus.call_at(now + _BLOCKED, functools.partial(self._give_way, job))

@@ -1353,8 +1353,10 @@ class PairStream:
     """A stream of set-points of both wheels. Made by `Zlac8015d.stream`.
 
     Args:
-        base: the drive's facade.
         drive: the drive.
+        wheels: the left and the right one.
+        queue: queues it for both, given what begins it when both have come to it.
+        stop: stops both.
         timeout: seconds after which a set-point is too old.
         acceleration: rpm/s of a wheel, up and down.
         needs: seconds that a change of both speeds, in rpm and in the drive's directions, takes at least; None for what

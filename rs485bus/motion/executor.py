@@ -28,7 +28,6 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
 from rs485bus.motion.joint import Joint, Part, PlanOfAll
 from rs485bus.motion.knowledge import AxisKnowledge
-from rs485bus.motion.looks import Told
 from rs485bus.motion.move import Move, MoveState
 from rs485bus.motion.other_courses import HomingCourse
 from rs485bus.motion.parameters import MotionParameters
@@ -37,7 +36,7 @@ from rs485bus.motion.reference import Reference
 from rs485bus.motion.retargeting import Change, Retargeting
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
-from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.supervisor import Supervisor, Told
 
 _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""
@@ -241,8 +240,7 @@ class MoveExecutor:
         return position
 
     async def make_safe(self, failed: Handle[Any]) -> bool:
-        """See it stand if a move has failed, or stop it: it may have begun, or goes on with what it did before. Whether
-        it is being stopped for that."""
+        """See it stand whose move has failed, or stop it: it may have begun. Whether it is being stopped for that."""
         if not isinstance(failed, Move) or not self._state.motion.may_move or self._stops.is_stopping:
             return False
         self.stumble()

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from rs485bus.arguments import instance
 from rs485bus.bus.bus import Bus
@@ -25,11 +26,10 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
 from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget
-from rs485bus.motion.looks import Looks, Told, Watched
 from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.plan_lock import PlanLock
 from rs485bus.motion.standstill import NEVER
-from rs485bus.motion.state import Fact
+from rs485bus.motion.state import AxisState, Fact
 from rs485bus.wire.frames import Request
 
 _MISSES = 4
@@ -46,9 +46,33 @@ _BLOCKED = 0.05
 """Seconds after which a look that must wait for a late reply gives way to one that need not."""
 _FOREVER = float("inf")
 
+Told = Callable[[Verdict, MotionError | None], None]
+"""Called when a course has reached its speed, has ended, or failed of an error."""
+
+
+@dataclass(slots=True)
+class _Watched:
+    """One axis of a drive."""
+
+    state: AxisState
+    name: str
+    on_trouble: Callable[[MotionError], None]
+    tell: Callable[[EventKind, str], None]
+    changes: Changes
+    course: Course | None = None
+    told: Told | None = None
+    doubted_at: float | None = None
+    """Since when it is being found out what is wrong."""
+    lost: str = ""
+    """Why its positions were not to be trusted when that was last looked at."""
+    silent: bool = False
+    """It was told that its drive does not answer."""
+    starting: bool = False
+    """Somebody is about to start or to stop it, and looks at it meanwhile."""
+
 
 class Supervisor:
-    """Looks at one drive. What must be asked goes before commands; other looks take their turn with them.
+    """Looks at one drive.
 
     Args:
         bus: the bus it is on.
@@ -59,8 +83,7 @@ class Supervisor:
         self._bus = instance("bus", bus, Bus, "await open_bus(...)")
         self._drive = drive
         self._budget = bus.keep(LookBudget, lambda: LookBudget(bus.config.supervision))
-        self._watched: dict[int, Watched] = {}
-        self._looks = Looks(drive, self._budget, self._watched)
+        self._watched: dict[int, _Watched] = {}
         self.plans = PlanLock()
         """Held while a plan of the drive is carried out."""
         self.questions = Questions(bus, drive)
@@ -69,6 +92,7 @@ class Supervisor:
         """Looks that were not answered, by their frames. The same one may be sent again where an equal one must wait,
         lest the late answer to the first is taken for its own."""
         self._timer_at = _FOREVER
+        self._rotated_at = NEVER
         self._not_before = NEVER
         self._misses = 0
         self._since = NEVER
@@ -83,7 +107,7 @@ class Supervisor:
         """Look at an axis from now on, whenever it may move. `on_trouble` is called where nobody waits for its end;
         `tell` of what happens to it."""
         state = self._drive.state.axes[axis]
-        self._watched[axis] = Watched(state, name, on_trouble, tell, Changes(state, tell))
+        self._watched[axis] = _Watched(state, name, on_trouble, tell, Changes(state, tell))
 
     def check_room(self, name: str) -> None:
         """Raise `LimitExceeded` where there is no room on the wire to look at this drive, too, while it moves."""
@@ -158,7 +182,7 @@ class Supervisor:
             self._budget.enter(self, self._takes)
         self._look()
 
-    def _tell_of_restart(self, watched: Watched) -> None:
+    def _tell_of_restart(self, watched: _Watched) -> None:
         """Tell the owner that the drive may have started anew: its watchdog may be off."""
         if watched.lost != watched.state.lost:
             watched.lost = watched.state.lost
@@ -167,7 +191,7 @@ class Supervisor:
                 owner.stops.restarted(owner.units[self._drive.address])
                 watched.tell(EventKind.RESTART, watched.lost)
 
-    def _may_move(self, axis: int, watched: Watched) -> bool:
+    def _may_move(self, axis: int, watched: _Watched) -> bool:
         state = watched.state
         if not state.motion.may_move and state.stands is False and state.value(Fact.RUNNING):
             # Somebody else has set it in motion.
@@ -179,11 +203,11 @@ class Supervisor:
             watched.course = ForeignCourse("motion", state, begun, grace, proof=self._drive.wanted(axis))
         return state.motion.may_move
 
-    def _is_being_stopped(self, watched: Watched) -> bool:
+    def _is_being_stopped(self, watched: _Watched) -> bool:
         halt = self._bus.owner.units[self._drive.address].halt
         return halt is not None and halt.motion in (watched.state.motion, self._drive.motion)
 
-    def _judge(self, axis: int, watched: Watched, now: float) -> None:
+    def _judge(self, axis: int, watched: _Watched, now: float) -> None:
         course = watched.course
         assert course is not None
         verdict = course.judge()
@@ -211,7 +235,7 @@ class Supervisor:
             else:
                 watched.doubted_at = None
 
-    def _doubt(self, axis: int, watched: Watched, course: Course, now: float) -> None:
+    def _doubt(self, axis: int, watched: _Watched, course: Course, now: float) -> None:
         """Find out what is wrong."""
         if watched.doubted_at is None:
             # What was asked while it stood already tells as much as what is asked now.
@@ -223,7 +247,7 @@ class Supervisor:
             cause = possible_cause(self._bus.owner, self._drive)
             self._end(watched, Verdict.DOUBTFUL, diagnose(self._drive, axis, watched.name, course, cause))
 
-    def _end(self, watched: Watched, verdict: Verdict, error: MotionError | None) -> None:
+    def _end(self, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
         if watched.course is not None and error is not None:
             watched.course.failed()
         told, watched.course, watched.told, watched.doubted_at = watched.told, None, None, None
@@ -248,49 +272,32 @@ class Supervisor:
         owner = self._bus.owner
         unit = owner.units[self._drive.address]
         now = self._bus.now()
-        if owner.gate.closed:
-            return
-        if self._job is not None:
-            self._hurry(self._job, now)
+        if self._job is not None or owner.gate.closed:
             return
         if unit.halt is not None or not owner.gate.connected:
             self._wake_at(now + _STOPPING)  # who stops it looks at it
             return
         unheard = now - max(self._drive.state.heard_at, self._since)
-        if self._misses >= self._in_vain(unit) and unheard > SILENT * max(self._looks.interval(), unit.reply_timeout):
+        if self._misses >= self._in_vain(unit) and unheard > SILENT * max(self._interval(), unit.reply_timeout):
             self._fell_silent()
             return
         unit.late.expire(now)
-        must, may = self._looks.next()
-        presses = max(must.when, self._not_before) <= now
-        look = must if presses or must.when <= may.when else may
-        when = max(look.when, self._not_before)
+        when, fact = self._next()
+        when = max(when, self._not_before)
         if when > now:
             self._wake_at(when)
             return
-        request = self._free(look.fact)
-        if look.fact not in self._drive.telling:
-            self._looks.rotated_at = now
+        request = self._free(fact)
+        if fact not in self._drive.telling:
+            self._rotated_at = now
         job = self._unanswered.pop(request.adu, None)
         if job is None:
-            job = Job(request, internal=True, retries=0)
+            job = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=0)
             job.on_end = self._answered
-        job.urgency = Urgency.CONFIRM if presses or job.attempts else Urgency.COMMAND
         self._job = job
-        self._wake_at(must.when)
         self._bus.submit(job)
         if not job.attempts:
             self._bus.call_at(now + _BLOCKED, functools.partial(self._give_way, job))
-
-    def _hurry(self, job: Job, now: float) -> None:
-        """Ask for what presses now, instead of a look that does not and waits for the wire yet."""
-        if job.urgency is Urgency.CONFIRM or job.attempts:
-            return
-        must, _ = self._looks.next()
-        if must.when <= now:
-            self._bus.owner.cancel(job, now)  # another one is chosen then
-        else:
-            self._wake_at(must.when)
 
     def _give_way(self, job: Job) -> None:
         """Take back a look that must wait for a late reply to somebody else: another one is chosen then."""
@@ -335,6 +342,43 @@ class Supervisor:
         self._unanswered[job.request.adu] = job
         self._not_before = job.ended_at + (0.0 if self._misses == 1 else min(took * (1 / SHARE - 1), _PAUSE))
         self.review()
+
+    def _next(self) -> tuple[float, Fact]:
+        """What is to be asked next, and when."""
+        best, fact = _FOREVER, self._drive.telling[0]
+        for axis, watched in self._watched.items():
+            course = watched.course
+            if course is None:
+                continue
+            interval, stop_at = self._interval(course), course.stop_at
+            for each in self._facts(axis, course):
+                due = min(course.due(each), self._routine(each, watched, course, interval), stop_at)
+                if watched.doubted_at is not None and watched.state.known(each).at < watched.doubted_at:
+                    due = NEVER
+                if due < best:
+                    best, fact = due, each
+        return best, fact
+
+    def _facts(self, axis: int, course: Course) -> Iterable[Fact]:
+        """What may be asked about an axis."""
+        facts = (*self._drive.telling, *self._drive.wanted(axis), Fact.SPEED, *course.facts)
+        return self._drive.tells(*dict.fromkeys(facts))
+
+    def _routine(self, fact: Fact, watched: _Watched, course: Course, interval: float) -> float:
+        """When a fact is due because the axis moves."""
+        at = watched.state.last(fact).at  # set-points take away what was known, again and again
+        if fact in self._drive.telling:
+            return max(at, course.started_at) + interval
+        if fact in self._drive.rotation:
+            oldest = max(at, course.started_at) + len(self._drive.rotation) * self._budget.interval
+            return max(oldest, self._rotated_at + self._budget.rotation)
+        return _FOREVER
+
+    def _interval(self, *courses: Course) -> float:
+        """Seconds between two telling looks; fewer where others depend on one of these courses, or of all."""
+        all_courses = courses or tuple(each.course for each in self._watched.values() if each.course is not None)
+        wanted = min((course.interval for course in all_courses), default=_FOREVER)
+        return min(self._budget.interval, max(wanted, self._budget.shortest))
 
     def _wake_at(self, when: float) -> None:
         if when < self._timer_at - 1e-4 and when < _FOREVER:

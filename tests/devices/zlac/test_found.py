@@ -284,7 +284,7 @@ async def test_the_end_of_a_timed_run_goes_before_looks_that_only_wait_for_it() 
         runs = base.left.run(60, duration=1.0), base.right.run(-60, duration=1.0)
         await asyncio.sleep(0.95)
         line.babble(itertools.repeat(0.001, 650))  # until both should stand
-        ended = asyncio.get_running_loop().time() + 0.65 + 0.6
+        ended = asyncio.get_running_loop().time() + 0.65 + 0.7
         for run in runs:
             with pytest.raises(MoveFailed, match="should have gone"):
                 await run

@@ -87,6 +87,8 @@ class VirtualPair:
         self._heard_at = float("-inf")
         self._busy_since = float("-inf")
         """Since when there was no silence that the master could have used."""
+        self._over_noise = False
+        """The master's last frame did not wait for silence any longer."""
         self._talk: _Talk | None = None
         self._hanging: dict[SimDevice, float] = {}
         self._answering: dict[SimDevice, float] = {}
@@ -107,10 +109,13 @@ class VirtualPair:
             shortest = self.line.t35 - _EPSILON
             self._spoilt = False
             self._silence = start - self._busy_until
-            if start - max(self._heard_at, self._sending_until) < shortest:
-                waited = start - max(self._busy_since, self._sending_until)
-                self.frames_over_noise += waited >= _STOP_WAITS
-                self.early_frames += waited < _STOP_WAITS
+            is_quiet = start - max(self._heard_at, self._sending_until) >= shortest
+            # What is said again over noise that goes on waits no second time.
+            noisy_since = self._busy_since if self._over_noise else max(self._busy_since, self._sending_until)
+            waited = start - noisy_since + self.line.character  # of what was heard first
+            self._over_noise = not is_quiet and waited >= _STOP_WAITS
+            self.frames_over_noise += self._over_noise
+            self.early_frames += not (is_quiet or self._over_noise)
         if talk is not None:
             talk.destroyed = self._spoilt = True
             self.collisions += 1
@@ -250,7 +255,9 @@ class VirtualPair:
             self._at(start + self.line.airtime(at + len(piece)), lambda now, piece=piece: hear(piece, now))  # type: ignore[misc]
 
     def _hear(self, piece: bytes, talk: _Talk | None, now: float) -> None:
-        if now - self._heard_at > self.usable_silence + len(piece) * self.line.character:
+        # While it sends over noise it does not hear whether that goes on.
+        quiet_since = max(self._heard_at, self._sending_until) if self._over_noise else self._heard_at
+        if now - quiet_since > self.usable_silence + len(piece) * self.line.character:
             self._busy_since = now
         self._heard_at = now
         destroyed = talk is not None and talk.destroyed

@@ -1,5 +1,7 @@
 """The virtual pair keeps the rules of a real one."""
 
+import itertools
+
 import pytest
 
 from rs485bus.sim import Noise, SimUnit
@@ -53,6 +55,30 @@ def test_a_frame_after_it_is_understood() -> None:
     line.transmit(ASK.adu, end + LINE.t35)
     assert whole(hear(line, 2.0))
     assert line.early_frames == 0
+
+
+@pytest.mark.parametrize(("waited", "over_noise", "early"), [(0.010, 0, 2), (0.025, 2, 0)])
+def test_what_has_waited_long_enough_goes_over_noise_and_so_does_what_repeats_it(
+    waited: float, over_noise: int, early: int
+) -> None:
+    line = pair()
+    line.babble(itertools.repeat(0.001, 200), 0.0)
+    hear(line, waited)
+    line.transmit(ASK.adu, waited)
+    again = waited + LINE.airtime(8) + 0.004
+    hear(line, again)
+    line.transmit(ASK.adu, again)
+    assert (line.frames_over_noise, line.early_frames) == (over_noise, early)
+
+
+def test_what_follows_an_answer_at_once_is_early_however_noisy_the_pair_was_before() -> None:
+    line = pair()
+    line.babble(itertools.repeat(0.001, 30), 0.0)
+    hear(line, 0.030)
+    line.transmit(ASK.adu, 0.030 + LINE.t35)
+    end = hear(line, 1.0)[-1][0]
+    line.transmit(ASK.adu, end + LINE.t35 / 2)
+    assert (line.frames_over_noise, line.early_frames) == (0, 1)
 
 
 def test_a_frame_may_be_written_in_pieces_if_they_follow_each_other() -> None:

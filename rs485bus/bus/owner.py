@@ -209,7 +209,7 @@ class Owner:
             self.stops.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
         pair, job, frame, wake = self.pair, None, None, FOREVER
         if pair.job is not None:
-            wake = pair.wait_until(self._selector.stop_waits())
+            wake = self._selector.over_at()
             if now >= wake:
                 self._attempts.unanswered("no reply" if now >= pair.deadline else "cut")
         start = now
@@ -226,7 +226,7 @@ class Owner:
                 job, wake = self._selector.next_among_noise(wake)
         if job is not None:
             frame = self._send(job, start)
-            wake = pair.quiet_at if pair.job is None else pair.wait_until(self._selector.stop_waits())
+            wake = pair.quiet_at if pair.job is None else self._selector.over_at()
         self._wake = wake
         if self._after_stops and not (self.gate.connected and self.queue.has(Urgency.STOP)):
             self._stops_are_out()

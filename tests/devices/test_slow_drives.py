@@ -1,6 +1,7 @@
 """Drives that answer slowly: looks at what moves fill the wire, and yet nobody waits for ever."""
 
 import asyncio
+import functools
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -18,10 +19,12 @@ SLOW = (0.03, 0.06, 0.09)
 
 
 @asynccontextmanager
-async def slow(turnaround: float, drives: int = 2) -> AsyncIterator[tuple[Bus, list[MksServo], list[SimMks]]]:
+async def slow(
+    turnaround: float, drives: int = 2, baudrate: int = 115200
+) -> AsyncIterator[tuple[Bus, list[MksServo], list[SimMks]]]:
     """Drives that take so many seconds before they answer, enabled."""
     sims = [SimMks(address) for address in range(1, drives + 1)]
-    async with open_bus(VirtualLine(*sims, turnaround=turnaround)) as bus:
+    async with open_bus(VirtualLine(*sims, baudrate=baudrate, turnaround=turnaround)) as bus:
         axes = [MksServo(bus, sim.address) for sim in sims]
         await asyncio.gather(*(axis.enable().wait() for axis in axes))
         yield bus, axes, sims
@@ -149,3 +152,24 @@ async def test_a_target_that_is_changed_while_the_move_arrives_is_gone_to_or_was
             assert await move == pytest.approx(wanted, abs=0.01), step
             assert sims[0].shaft(now()) == pytest.approx(wanted, abs=0.01), step
     assert 0 < made < 16
+
+
+@pytest.mark.parametrize("turnaround", [0.008, 0.012, 0.016, 0.03])
+@virtual
+async def test_no_stop_is_sent_into_the_answer_to_the_one_before_it(turnaround: float) -> None:
+    """At 9600 bit/s a stop takes longer than what is left of the time that the drive before it takes to answer."""
+    async with slow(turnaround, drives=3, baudrate=9600) as (_, axes, sims):
+        await asyncio.gather(*(axis.run(120).wait() for axis in axes))
+        heard: dict[int, float] = {}
+
+        def hears(sim: SimMks, receive: Any, frame: bytes, at: float) -> bytes | None:
+            if frame[0] == sim.address and writes_to(0xF6)(frame):
+                heard.setdefault(sim.address, at)
+            return receive(frame, at)  # type: ignore[no-any-return]
+
+        for sim in sims:
+            sim.receive = functools.partial(hears, sim, sim.receive)  # type: ignore[method-assign]
+        begun = now()
+        await asyncio.gather(*(axis.stop().wait() for axis in axes))
+        assert sorted(heard) == [1, 2, 3]
+        assert max(heard.values()) - begun < 4 * (turnaround + 0.03)

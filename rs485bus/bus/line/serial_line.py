@@ -18,6 +18,8 @@ from rs485bus.wire.frames import MAX_FRAME, Request
 from rs485bus.wire.timing import LineSettings
 
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
+_STOP = 13
+"""Bytes of most stops, at most."""
 CUT_AFTER = 0.01
 """Seconds of silence after which a stop does not wait for a reply any longer. On a slow line a slave needs longer than
 that to see the end of a frame."""
@@ -176,10 +178,11 @@ class SerialLine:
             self.noisy_since = now  # a frame is no noise
         return received
 
-    def wait_until(self, stop_asked_at: float | None = None) -> float:
+    def wait_until(self, stop_asked_at: float | None = None, expected: tuple[float, float] = (0, 0)) -> float:
         """Until when the job that is out may still be answered.
 
-        A stop, asked for at the time given, waits for no more than a silence; where there is none, not much longer.
+        A stop, asked for at the time given, waits for no more than a silence; where there is none, not much longer. On
+        a quiet pair it waits for an answer that is expected just then: that would fall into the stop, and destroy it.
         """
         over = self.deadline
         if self.is_brief and (self._over_noise or self.heard_at > self.air_end):
@@ -189,6 +192,9 @@ class SerialLine:
         if stop_asked_at is None:
             return over
         shortest = self.air_end + self._cut_after + self.latency
+        frees, takes = self._cut_after, self.line.airtime(_STOP)
+        if self.heard_at <= self.air_end and expected[0] < frees + takes and frees < expected[1]:
+            shortest = max(shortest, self.air_end + expected[1] + self.latency)
         noisy = self._unless_begun(max(shortest, stop_asked_at + STOP_WAITS))
         return min(over, noisy, max(shortest, self.heard_at + self._cut_after + self.latency))
 

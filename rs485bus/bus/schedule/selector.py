@@ -90,6 +90,13 @@ class Selector:
         stops = (stop for stop in self._queue.heads(Urgency.STOP) if not self._gate.is_rationed(stop, now))
         return min((stop.queued_at for stop in stops if self._gate.wait(stop, now) <= now), default=None)
 
+    def over_at(self) -> float:
+        """Until when the job that is out may still be answered."""
+        asked_at, job = self.stop_waits(), self._pair.job
+        if asked_at is None or job is None:
+            return self._pair.wait_until(asked_at)
+        return self._pair.wait_until(asked_at, self._units[job.address].reply_times.expected(job))
+
     def free_at(self) -> float:
         """From when on the next frame may be handed out, if nothing is out."""
         return max(self._pair.quiet_at - self.lead, self.turnaround_until)

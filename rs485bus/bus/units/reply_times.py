@@ -112,6 +112,13 @@ class ReplyTimes:
         learned = ((kind.name.lower(), self.learned(kind)) for kind in RequestKind)
         return {name: wait for name, wait in learned if wait is not None}
 
+    def expected(self, job: Job) -> tuple[float, float]:
+        """The earliest and the latest time at which the reply to a job should begin; 0 where that is not known."""
+        for kind in (self._kinds[_kind(job)], *self._kinds):
+            if kind.wait < _UNKNOWN:
+                return kind.mean - (kind.wait - kind.mean), kind.wait
+        return 0.0, 0.0
+
     def learned(self, kind: RequestKind) -> float | None:
         """How long such a request is waited for; None while that is not known."""
         wait = self._kinds[kind].wait

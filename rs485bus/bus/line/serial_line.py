@@ -194,7 +194,7 @@ class SerialLine:
         shortest = self.air_end + self._cut_after + self.latency
         frees, takes = self._cut_after, self.line.airtime(_STOP)
         if self.heard_at <= self.air_end and expected[0] < frees + takes and frees < expected[1]:
-            shortest = max(shortest, self.air_end + expected[1] + self.latency)
+            shortest = max(shortest, self.air_end + min(expected[1], 2 * (frees + takes)) + self.latency)
         noisy = self._unless_begun(max(shortest, stop_asked_at + STOP_WAITS))
         return min(over, noisy, max(shortest, self.heard_at + self._cut_after + self.latency))
 

@@ -187,6 +187,11 @@ class CommandQueue:
                 return each
         return None
 
+    def kept_open(self) -> Handle[Any] | None:
+        """The command that is carried out, if it ends only when the present task leaves its block."""
+        current = self._current
+        return current if current is not None and current._kept_open_by is asyncio.current_task() else None
+
     async def _work(self) -> None:
         me = asyncio.current_task()
         try:

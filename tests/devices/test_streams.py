@@ -508,3 +508,19 @@ async def test_a_set_point_is_not_older_than_some_transactions_when_it_is_sent(m
         frames = 3 if make is one_tlr else 1  # to jog once more takes three
         assert sorted(delays)[50] <= 1.5 * transaction
         assert max(delays) <= (2 + frames) * transaction + polls * transaction
+
+
+@virtual
+async def test_what_a_group_is_told_in_the_block_of_a_stream_of_one_is_not_awaited_there_for_ever() -> None:
+    async with open_bus(VirtualLine(SimMks(1), SimMks(2))) as bus:
+        x = MksServo(bus, 1)
+        group = AxisGroup(x=x, y=MksServo(bus, 2))
+        await group.enable()
+        async with x.stream(timeout=5.0) as setpoint:
+            setpoint(30)
+            told = group.enable(), group.move_by(x=0.5, y=0.5)
+            for each in told:
+                with pytest.raises(MotionError, match="leave the block first"):
+                    await each
+        for each in told:
+            await each

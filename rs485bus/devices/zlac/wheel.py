@@ -228,7 +228,11 @@ class ZlacWheel(Axis):
 
     def _go(self, parameters: MotionParameters, goal: MoveTarget) -> Move:
         # A position is gone to at whole rpm, and not as fast as the wheel can run.
-        return super()._go(self._scale.position_parameters(parameters.rpm, parameters.acceleration), goal)
+        move = super()._go(self._scale.position_parameters(parameters.rpm, parameters.acceleration), goal)
+        before = move._kept_from_beginning
+        # The drive has one mode: a stream of the other wheel keeps this move from beginning, too.
+        move._kept_from_beginning = lambda: before() or self.other._stops.queue.kept_open()
+        return move
 
     async def _move(self, move: Move, goal: MoveTarget, parameters: MotionParameters) -> float:
         async with self._in_turn(ControlMode.POSITION_ABSOLUTE):

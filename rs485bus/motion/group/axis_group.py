@@ -38,6 +38,7 @@ class GroupMove(Cancellable[dict[str, float]]):
         self._execution = GroupExecution(
             {name: axis.member for name, axis in axes.items()}, goals, wish, self.finish, self._failed
         )
+        self._kept_from_beginning = self._one_is_kept_by
 
     @property
     def seen(self) -> bool:
@@ -115,6 +116,10 @@ class GroupMove(Cancellable[dict[str, float]]):
         """
         return await super().wait()
 
+    def _one_is_kept_by(self) -> Handle[Any] | None:
+        """What keeps a part from beginning until the present task leaves its block."""
+        return next(filter(None, (move._kept_from_beginning() for move in self.moves.values())), None)
+
     def _failed(self, who: str | None, error: Exception) -> None:
         self._root = who
         self.fail(error if who is None else _named(who, error))
@@ -145,8 +150,11 @@ class HandleOfSeveral(Generic[T]):
         """Wait for all to end.
 
         Raises:
-            RequestFailed, MotionError: why the first one failed, and which.
+            RequestFailed, MotionError: why the first one failed, and which; it is awaited in the block of a stream that
+                comes before one of them.
         """
+        for part in self.parts.values():
+            part._check_wait()
         ended = await asyncio.gather(*(part.wait() for part in self.parts.values()), return_exceptions=True)
         results, failed = {}, []
         for name, result in zip(self.parts, ended, strict=True):

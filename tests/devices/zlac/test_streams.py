@@ -7,7 +7,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from rs485bus.devices.zlac.values import Fault, Side
-from rs485bus.errors import BusError
+from rs485bus.errors import BusError, MotionError
 from rs485bus.sim import Noise
 from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
 
@@ -114,3 +114,14 @@ def test_the_ramp_asked_for_is_kept_by_either_reading_whatever_is_streamed(
                 assert max(steps, default=0) <= 1.1 * 200 * 0.1 + 1
 
     go()
+
+
+@on_virtual_clock
+async def test_a_move_awaited_in_the_block_of_the_other_wheel_s_stream_is_refused_and_done_behind_it() -> None:
+    async with plant() as p:
+        async with p.base.left.stream(timeout=5.0) as setpoint:
+            setpoint(30.0)
+            move = p.base.right.move_by(0.5)
+            with pytest.raises(MotionError, match="leave the block first"):
+                await move
+        assert await move == pytest.approx(0.5, abs=0.01)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rs485bus.bus.recording import KEEP, MAX_BYTES, Recording
 from rs485bus.cli.outputs import check_output
@@ -21,6 +21,8 @@ from rs485bus.extras import brought_by
 from rs485bus.monitor.thread import BusThread, Watching
 from rs485bus.monitor.watcher import Watcher
 from rs485bus.plant import Plant
+
+P = TypeVar("P")
 
 
 def run_monitor(where: Where, record: Path | None) -> int:
@@ -47,11 +49,36 @@ def show(opening: Callable[[], AbstractAsyncContextManager[Watching]], title: Ca
 async def run_record(where: Where, out: Path, *, every: float, seconds: float | None, max_bytes: int, keep: int) -> int:
     """Ask the axes of a plant again and again, and keep what happens in a capture. Returns the exit code."""
     check_output(out)
+    return await record_until(
+        open_plant(where, watchdogs=False, tells=False),
+        lambda plant, stack: record_to(plant, out, stack, max_bytes=max_bytes, keep=keep),
+        lambda plant: Watcher.of(plant, every),
+        seconds,
+    )
+
+
+async def record_until(
+    opening: AbstractAsyncContextManager[P],
+    record: Callable[[P, AsyncExitStack], list[Recording]],
+    watch: Callable[[P], Watching],
+    seconds: float | None,
+) -> int:
+    """Have the axes of a plant asked, and keep what happens, for some seconds or until Ctrl-C.
+
+    Args:
+        opening: opens the plant.
+        record: begins its recordings, which end with the stack.
+        watch: makes what asks its axes.
+        seconds: for how long; None for no end.
+
+    Returns:
+        The exit code.
+    """
     recordings: list[Recording] = []
     try:
-        async with open_plant(where, watchdogs=False, tells=False) as plant, AsyncExitStack() as stack:
-            recordings += record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
-            watcher = Watcher.of(plant, every)
+        async with opening as plant, AsyncExitStack() as stack:
+            recordings += record(plant, stack)
+            watcher = watch(plant)
             watcher.start()
             stack.push_async_callback(watcher.aclose)
             await tell_and_wait(recordings, seconds)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -11,7 +10,7 @@ from rs485bus.bus.capture_lines import Drive, Dropped, Header
 from rs485bus.bus.recording import KEEP, MAX_BYTES, Recording
 from rs485bus.cli.outputs import check_output
 from rs485bus.cli.over_broker import Served
-from rs485bus.cli.watch import paths, show, tell_and_wait, tell_end
+from rs485bus.cli.watch import paths, record_until, show
 from rs485bus.monitor.served import ServedWatcher, exchanges
 from rs485bus.remote import RemotePlant
 from rs485bus.service.schema import TrafficReport
@@ -36,18 +35,12 @@ async def run_record(
 ) -> int:
     """Have the axes of a served plant asked again and again, and keep what happens. Returns the exit code."""
     check_output(out)
-    recordings: list[Recording] = []
-    try:
-        async with served.connect() as plant, AsyncExitStack() as stack:
-            recordings += _record_to(plant, out, stack, max_bytes=max_bytes, keep=keep)
-            watcher = ServedWatcher(plant, every)
-            watcher.start()
-            stack.push_async_callback(watcher.aclose)
-            await tell_and_wait(recordings, seconds)
-    except asyncio.CancelledError:
-        tell_end(recordings)
-        raise
-    return tell_end(recordings)
+    return await record_until(
+        served.connect(),
+        lambda plant, stack: _record_to(plant, out, stack, max_bytes=max_bytes, keep=keep),
+        lambda plant: ServedWatcher(plant, every),
+        seconds,
+    )
 
 
 def _record_to(plant: RemotePlant, out: Path, stack: AsyncExitStack, *, max_bytes: int, keep: int) -> list[Recording]:

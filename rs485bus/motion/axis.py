@@ -204,8 +204,7 @@ class Axis:
         if rate <= 0:
             raise LimitExceeded(f"{self.name}: acceleration {rate:g} rpm/s is not above 0")
         self._commands.warn_unwatched()
-        carry_out = self._commands.queue, self._stream
-        return self._streams.open(seconds, rate, *carry_out, self.stop, self._stops.stopped)
+        return self._streams.open(seconds, rate, self._commands.queue, self._stream, self.stop, self._stops.stopped)
 
     def set_zero(self) -> Handle[None]:
         """Make the position at which the axis then stands its zero."""

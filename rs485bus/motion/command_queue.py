@@ -97,7 +97,7 @@ class CommandQueue:
         """Queue a command that was checked."""
         if self._hold is not None and self._hold.done():
             self._hold = None  # whoever commands it now knows how that stop ended
-        handle._kept_from_beginning = lambda: self._kept_open_before(handle)
+        handle._kept_from_beginning = lambda: self.kept_open_before(handle)
         self._waiting.append((handle, carry_out))
         if self._worker is None:
             self._worker = self._bus.spawn(self._work(), f"rs485bus {self._name}")
@@ -177,7 +177,7 @@ class CommandQueue:
         if self._drained_by and self._current is not None and self._current._end_block is not None:
             self._current._end_block()
 
-    def _kept_open_before(self, handle: Handle[Any]) -> Handle[Any] | None:
+    def kept_open_before(self, handle: Handle[Any]) -> Handle[Any] | None:
         """The command before one that ends only when the present task leaves its block."""
         me = asyncio.current_task()
         for each in (self._current, *(waiting for waiting, _ in self._waiting)):
@@ -186,11 +186,6 @@ class CommandQueue:
             if each is not None and each._kept_open_by is me:
                 return each
         return None
-
-    def kept_open(self) -> Handle[Any] | None:
-        """The command that is carried out, if it ends only when the present task leaves its block."""
-        current = self._current
-        return current if current is not None and current._kept_open_by is asyncio.current_task() else None
 
     async def _work(self) -> None:
         me = asyncio.current_task()

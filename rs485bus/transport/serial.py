@@ -311,9 +311,8 @@ def explained(name: str, line: LineSettings, error: Exception) -> PortError:
     """The same error, with what a person can do about it."""
     number = getattr(error, "errno", None)
     text = str(error)
-    there = ", ".join(port.device for port in plugged_in()) or "none"
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFoundError" in text:
-        return PortNotFound(f"There is no port {name}. Ports of this machine: {there}.")
+        return PortNotFound(f"There is no port {name}. {_ports()}")
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
         held = ", ".join(f"{program} (process {number})" for number, program in sorted(holders(name).items()))
         return PortBusy(
@@ -325,6 +324,10 @@ def explained(name: str, line: LineSettings, error: Exception) -> PortError:
         how = how_to_be_allowed(name)
         return PortPermissionDenied(f"You may not open {name}. {how[0].upper()}{how[1:]}")
     if number in (errno.EISDIR, errno.ENOTTY) or "Inappropriate ioctl" in text:
-        return PortError(f"{name} could not be opened as a serial port, as it is none. Ports of this machine: {there}.")
+        return PortError(f"{name} could not be opened as a serial port, as it is none. {_ports()}")
     setting = f"{line.baudrate} bit/s, 8{line.parity}{line.stopbits}"
     return PortError(f"{name} could not be opened as a serial port at {setting}: {text}")
+
+
+def _ports() -> str:
+    return f"Ports of this machine: {', '.join(port.device for port in plugged_in()) or 'none'}."

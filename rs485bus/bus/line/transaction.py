@@ -152,9 +152,8 @@ class Transaction:
         if late:
             patterns = [*patterns]
             seen = set()
-            for request in dict.fromkeys(
-                owed.request for replies in late for owed in replies
-            ):  # many attempts are alike
+            requests = dict.fromkeys(owed.request for replies in late for owed in replies)  # many attempts are alike
+            for request in requests:
                 for pattern in _late_answers(request):
                     looks = (pattern.prefix, pattern.length)
                     if looks not in seen:  # and many requests are answered alike

@@ -177,7 +177,7 @@ async def _answers(bus: Bus, address: int) -> bool:
     except NoReply:
         return False
     except DeviceRefused:
-        return True
+        pass
     return True
 
 

@@ -231,7 +231,7 @@ class ZlacWheel(Axis):
         move = super()._go(self._scale.position_parameters(parameters.rpm, parameters.acceleration), goal)
         before = move._kept_from_beginning
         # The drive has one mode: a stream of the other wheel keeps this move from beginning, too.
-        move._kept_from_beginning = lambda: before() or self.other._stops.queue.kept_open()
+        move._kept_from_beginning = lambda: before() or self.other._stops.queue.kept_open_before(move)
         return move
 
     async def _move(self, move: Move, goal: MoveTarget, parameters: MotionParameters) -> float:

@@ -235,8 +235,7 @@ class Zlac8015d:
         self, timeout: float, acceleration: float, needs: Callable[[Speeds], float] | None = None
     ) -> PairStream:
         """The same where a change of both speeds takes as long as `needs` says, in seconds. For a vehicle."""
-        how = self._queue_stream, self.stop, timeout, acceleration, needs
-        return PairStream(self._drive, self._wheels, *how)
+        return PairStream(self._drive, self._wheels, self._queue_stream, self.stop, timeout, acceleration, needs)
 
     def _queue_stream(self, begin: Begin) -> tuple[Move, Move]:
         """Queue a stream of both wheels."""

@@ -21,7 +21,7 @@ from rs485bus.bus.units.asking import hurry
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.bus.watchdog.register_writes import RegisterWrites
-from rs485bus.wire.exceptions import Meaning, is_a_gateways, is_exception
+from rs485bus.wire.exceptions import ACCEPTED, Meaning, is_a_gateways, is_exception
 from rs485bus.wire.frames import Request
 from rs485bus.wire.registers import Repeat
 
@@ -165,6 +165,8 @@ class Attempts:
         told = since == job.sent_at and self._pair.exchange.judge()
         if not told and not job.request.writes:
             self._pair.exchange.question.tried(job.address)
+        if job.code == ACCEPTED:
+            self._units.owes(unit, job, self._pair.owed_until)
         self._pair.end(self._units.late(self._clock.now), self._clock.now, answered=True)
         if meaning is not None:
             self._fed_nothing(job)
@@ -309,6 +311,8 @@ class Attempts:
             return
         job.answered_since = unit.late.answered(job, now + unit.late_reply_window, frame)
         job.reply = frame
+        if job.code == ACCEPTED:
+            self._units.owes(unit, job, now)
         self._units.answered(unit, job.request)
         unit.heard_at = now
         self._note_one(job, frame, "reply" if meaning is None else "refused")

@@ -11,7 +11,7 @@ class NumberedReplies(PendingReplies):
 
     __slots__ = ()
 
-    def unanswered(self, job: Job, until: float) -> None:
+    def unanswered(self, job: Job, until: float, *, accepted: bool = False) -> None:
         """A reply to it may still arrive, under its own number."""
 
     def answered(self, job: Job, until: float, frame: bytes = b"") -> float:

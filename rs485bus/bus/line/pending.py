@@ -2,7 +2,8 @@
 
 RTU has no transaction number: a reply that comes late looks like the answer to the next equal request. So every
 attempt that was not answered is *owed*, until its reply arrives, until a later answer proves that it never will, or
-until its time is over.
+until its time is over. What a device has accepted only (exception 05) is owed as well: the device may answer by itself
+when it has done it, whatever it was asked meanwhile.
 
 Where it is not clear whose reply a frame is, too much is taken to be owed rather than too little: a request waits then
 that need not, but none is given the answer to another.
@@ -26,6 +27,8 @@ class PendingReply:
     job: Job
     sent_at: float
     until: float
+    accepted: bool = False
+    """The device has said that it is at it: no later answer proves that this one will not come."""
 
 
 @dataclass(slots=True)
@@ -76,9 +79,14 @@ class PendingReplies:
         if self._heard:
             self._heard = {frame: heard for frame, heard in self._heard.items() if heard.until > now}
 
-    def unanswered(self, job: Job, until: float) -> None:
-        """The job's latest attempt got no reply; one may arrive until the time given."""
-        self._owed.append(PendingReply(job.request, job, job.sent_at, until))
+    @property
+    def are_settled_by_answers(self) -> bool:
+        """Whether an answer to something sent later proves that some of them will never come."""
+        return self._in_order and not all(owed.accepted for owed in self._owed)
+
+    def unanswered(self, job: Job, until: float, *, accepted: bool = False) -> None:
+        """The job's latest attempt got no reply, or was accepted only; one may arrive until the time given."""
+        self._owed.append(PendingReply(job.request, job, job.sent_at, until, accepted))
 
     def must_wait(self, request: Request, job: Job | None = None) -> float:
         """Until when a request must wait lest it be answered by an older one's reply; 0 if it need not.
@@ -92,9 +100,11 @@ class PendingReplies:
         """Whether a refusal inside a normal reply, that fits the job, may belong to an older request."""
         return any(owed.job is not job and owed.request.may_refuse(job.request) for owed in self._owed)
 
-    def hides_exception(self, job: Job) -> bool:
-        """Whether an exception that fits the job may belong to an older request: it carries only the function."""
-        return any(owed.job is not job and owed.request.function == job.request.function for owed in self._owed)
+    def hides_exception(self, job: Job, frame: bytes = b"") -> bool:
+        """Whether an exception that fits the job may belong to an older request: it carries only the function. What the
+        device has accepted no gateway gives up."""
+        alike = (owed for owed in self._owed if owed.request.function == job.request.function)
+        return any(owed.job is not job and not (owed.accepted and is_a_gateways(frame)) for owed in alike)
 
     def answered(self, job: Job, until: float, frame: bytes = b"") -> float:
         """The job was answered, by `frame`. Returns when the oldest request was sent that this reply may answer.
@@ -148,7 +158,7 @@ class PendingReplies:
         heard = self._heard.get(frame)
         if heard is not None and heard.attempt == (job, job.sent_at):
             return True  # it may be a copy
-        if not self._owed or not (self.hides_exception(job) if is_exception(frame) else self.hides_refusal(job)):
+        if not self._owed or not (self.hides_exception(job, frame) if is_exception(frame) else self.hides_refusal(job)):
             return False
         older = [owed for owed in self._owed if owed.request.answered_by(frame)]
         until = max((owed.until for owed in older), default=job.sent_at)
@@ -187,7 +197,7 @@ class PendingReplies:
             self._heard = {frame: heard for frame, heard in self._heard.items() if heard.came_after >= sent_at}
 
     def _forget_before(self, sent_at: float) -> None:
-        self._owed = [owed for owed in self._owed if owed.sent_at >= sent_at]
+        self._owed = [owed for owed in self._owed if owed.accepted or owed.sent_at >= sent_at]
 
 
 def _may_give(owed: Request, frame: bytes, request: Request) -> bool:

@@ -259,7 +259,9 @@ class Halt:
                 self._sent_at = stop.sent_at
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
             # An exception is no acknowledgement; what refuses a stop in its own way says that there is nothing to stop.
+            # An answer that may be an older request's is none either.
             said_so = stop.outcome is Outcome.REPLY or (stop.outcome is Outcome.REFUSED and stop.code is None)
+            said_so = said_so and stop.answered_since >= self._evidence_from
             self._took = stop.ended_at - stop.sent_at
             self._acknowledged = self._acknowledged and said_so
             self._is_heard = self._is_heard or said_so

@@ -76,7 +76,7 @@ def _again(job: Job, now: float) -> Job:
 
 def _harmless(unit: UnitState) -> Iterator[Request]:
     """The reads that the unit may be asked at any time."""
-    if unit.probe is False or not unit.late.in_order:
+    if unit.probe is False or not unit.late.are_settled_by_answers:
         return
     if unit.probe is not None:
         yield unit.probe

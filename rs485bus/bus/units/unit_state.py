@@ -19,7 +19,7 @@ from rs485bus.bus.units.reply_times import ReplyTimes
 from rs485bus.bus.watchdog.armed import Ledger
 from rs485bus.errors import AddressInUse
 from rs485bus.wire.diagnostics import Diagnostic, diagnostic
-from rs485bus.wire.exceptions import Meaning, exception
+from rs485bus.wire.exceptions import ACCEPTED, Meaning, exception
 from rs485bus.wire.frames import HIGHEST_ADDRESS, Request
 
 SILENT = 2
@@ -238,8 +238,8 @@ class UnitStates:
         return None if attached is None else attached.family
 
     def owes(self, unit: UnitState, job: Job, deadline: float) -> None:
-        """The job's latest attempt got no reply within its budget."""
-        unit.late.unanswered(job, deadline + unit.late_reply_window)
+        """The job's latest attempt got no reply within its budget, or one that says that it was accepted only."""
+        unit.late.unanswered(job, deadline + unit.late_reply_window, accepted=job.code == ACCEPTED)
         self._owing.add(unit)
 
     def tell_sent(self, job: Job, at: float) -> None:

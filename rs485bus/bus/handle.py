@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from typing import Any, Generic, TypeVar
 
 import anyio
@@ -37,8 +37,10 @@ class Handle(Generic[T]):
         """The task in whose block it goes on until that is left."""
         self._end_block: Callable[[], object] | None = None
         """Ends it, where it goes on until a block is left."""
-        self._kept_from_beginning: Callable[[], Handle[Any] | None] = lambda: None
-        """What goes before it, and ends only with a block of the present task."""
+        self._ahead: Callable[[], Iterable[Handle[Any]]] = tuple
+        """What is done before it."""
+        self._waits_for: list[Callable[[], Iterable[Handle[Any]]]] = []
+        """What it waits for elsewhere: those that it begins together with, and others that keep it from beginning."""
         self._unseen = unseen
         self._home = running_loop()
         self._over = False
@@ -101,11 +103,18 @@ class Handle(Generic[T]):
 
     def _check_wait(self) -> None:
         """Raise `MotionError` where the present task would wait for itself."""
-        before = self._kept_from_beginning()
-        if before is not None:
-            raise MotionError(
-                f"{self.what} begins after {before.what}, and is awaited in the block of that: leave the block first."
-            )
+        me, seen, found = asyncio.current_task(), {self}, [self]
+        while found:
+            one = found.pop()
+            for before in (one, *one._ahead()):
+                if before._kept_open_by is me:
+                    raise MotionError(
+                        f"{self.what} begins after {before.what}, and is awaited in the block of that: leave the block "
+                        "first."
+                    )
+                others = {other for waits in before._waits_for for other in waits() if not other.done()} - seen
+                seen |= others
+                found += others
 
     def finish(self, result: T) -> None:
         """It ended well. For those who carry it out."""

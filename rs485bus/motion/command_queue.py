@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import copy
+import itertools
 from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
@@ -97,7 +98,7 @@ class CommandQueue:
         """Queue a command that was checked."""
         if self._hold is not None and self._hold.done():
             self._hold = None  # whoever commands it now knows how that stop ended
-        handle._kept_from_beginning = lambda: self.kept_open_before(handle)
+        handle._ahead = lambda: self._ahead_of(handle)
         self._waiting.append((handle, carry_out))
         if self._worker is None:
             self._worker = self._bus.spawn(self._work(), f"rs485bus {self._name}")
@@ -177,15 +178,16 @@ class CommandQueue:
         if self._drained_by and self._current is not None and self._current._end_block is not None:
             self._current._end_block()
 
-    def kept_open_before(self, handle: Handle[Any]) -> Handle[Any] | None:
-        """The command before one that ends only when the present task leaves its block."""
-        me = asyncio.current_task()
-        for each in (self._current, *(waiting for waiting, _ in self._waiting)):
-            if each is handle:
-                break
-            if each is not None and each._kept_open_by is me:
-                return each
-        return None
+    def _ahead_of(self, handle: Handle[Any]) -> list[Handle[Any]]:
+        """The commands that are done before one."""
+        ahead = [] if self._current is None or self._current is handle else [self._current]
+        if self._current is not handle:
+            ahead += itertools.takewhile(lambda each: each is not handle, (waiting for waiting, _ in self._waiting))
+        return ahead
+
+    def kept_open(self) -> list[Handle[Any]]:
+        """The command that is carried out, if it ends only when somebody leaves a block."""
+        return [] if self._current is None or self._current._kept_open_by is None else [self._current]
 
     async def _work(self) -> None:
         me = asyncio.current_task()

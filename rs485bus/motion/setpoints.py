@@ -80,7 +80,7 @@ class StreamCourse(Course):
         streamer, running = self._streamer, self.state.known(Fact.RUNNING)
         if streamer.refused:
             return Verdict.DOUBTFUL
-        if streamer.ended and streamer.told.sure and not self._rpm and self.state.stands:
+        if streamer.is_quiet and streamer.told.sure and not self._rpm and self.state.stands:
             return Verdict.DONE
         late = running.at > streamer.stands_at + self._grace
         if running.value and late and self.state.standstill.has_moved:
@@ -281,6 +281,11 @@ class SetpointStream:
         self._move.add_done_callback(lambda _: started.set())
         self._move._end_block = self.end  # also where somebody drains the axis before the block is entered
         self._joined = setpoint, started
+
+    def _check_wait(self) -> None:
+        """Raise `MotionError` where the present task would wait for itself."""
+        assert self._move is not None
+        self._move._check_wait()
 
     def _withdraw(self) -> None:
         """Leave the queue again."""

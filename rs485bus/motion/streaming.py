@@ -34,7 +34,6 @@ _SILENCE = (Outcome.NO_REPLY, Outcome.UNKNOWN)
 _NO_MORE = (Reason.STOPPED, Reason.EMERGENCY, Reason.LATCHED, Reason.LOCKED, Reason.UNPLUGGED, Reason.CLOSED)
 """Why nothing can be told any more."""
 
-
 Speeds = tuple[float, ...]
 """One of each axis, in rpm, in the drive's direction."""
 
@@ -171,6 +170,11 @@ class Streamer:
         if self._job is not None:
             self._bus.owner.cancel(self._job, self._bus.now())
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether they have ended, and no frame of them is on its way."""
+        return self.ended and self._job is None
+
     def hold(self, seconds: float) -> None:
         """Tell nothing for a while."""
         self._not_before = self._bus.now() + seconds
@@ -215,10 +219,9 @@ class Streamer:
             return self._zero
         if now < self._expires_at:
             return _scaled(self._wanted, min(map(self._share_within, range(len(self._axes)))))
-        if not self._expired:
-            self._expired = True
-            if any(self._wanted):
-                self._noticed(f"no set-point came for {self._terms.timeout:g} s: it was stopped by its ramp")
+        expired, self._expired = self._expired, True
+        if not expired and any(self._wanted):
+            self._noticed(f"no set-point came for {self._terms.timeout:g} s: it was stopped by its ramp")
         return self._zero
 
     def _share_within(self, at: int) -> float:
@@ -350,6 +353,8 @@ class Streamer:
             self._heard = self.told.speeds if self.told.sure else self._heard
             self._again_at = now + _AGAIN if answered else NEVER
             self._go_on()
+            if self.is_quiet:
+                self._drive.state.tell()
 
     def _is_slow(self, job: Job) -> bool:
         """Whether an answer took longer than the drive is known to take."""
@@ -369,8 +374,6 @@ class Streamer:
             told.delay = self._carried_at - self._next_at
             told.count += 1
             self._is_new = self._wanted_at > self._next_at
-
-    # Time
 
     @property
     def _expires_at(self) -> float:

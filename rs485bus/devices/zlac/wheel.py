@@ -123,9 +123,10 @@ class ZlacWheel(Axis):
         wanted = self._sign * r.TARGET_TORQUE.of(self.side).raw(milliamperes)
         if slope is not None:
             r.TORQUE_SLOPE.of(self.side).raw(slope)
-        return self._commands.queue(
+        push = self._commands.queue(
             f"torque of {milliamperes} mA", None, None, lambda move: self._push(move, wanted, slope)
         )
+        return self.after_streams(push)
 
     async def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
@@ -136,9 +137,15 @@ class ZlacWheel(Axis):
 
     def _accompany(self, moves: Mapping[GroupMember, GroupMemberMove]) -> None:
         """One frame starts both wheels, where both go."""
+        self.after_streams(moves[self.member])
         right = self.other
         if self.side is Side.LEFT and right.member in moves:
             pair((self, right), (moves[self.member], moves[right.member]))
+
+    def after_streams(self, move: Move) -> Move:
+        """It waits for a stream of the other wheel: the drive has one mode."""
+        move._waits_for.append(self.other._stops.queue.kept_open)
+        return move
 
     def drop(self, handle: Handle[Any]) -> None:
         """The other wheel's part of a command failed: end this one's."""
@@ -222,6 +229,7 @@ class ZlacWheel(Axis):
         if self.joint is not None:
             await self.joint.gather(self._at)
         async with self._turns.of(self._at, mode, alone=self.joint is None):
+            await self.other._stops.queue.held()  # what it is being stopped in, it keeps no longer
             await self._executor.carry(self._zlac.set_up)
             plans.check_alone(self._zlac, mode, axes)
             yield
@@ -229,10 +237,7 @@ class ZlacWheel(Axis):
     def _go(self, parameters: MotionParameters, goal: MoveTarget) -> Move:
         # A position is gone to at whole rpm, and not as fast as the wheel can run.
         move = super()._go(self._scale.position_parameters(parameters.rpm, parameters.acceleration), goal)
-        before = move._kept_from_beginning
-        # The drive has one mode: a stream of the other wheel keeps this move from beginning, too.
-        move._kept_from_beginning = lambda: before() or self.other._stops.queue.kept_open_before(move)
-        return move
+        return self.after_streams(move)
 
     async def _move(self, move: Move, goal: MoveTarget, parameters: MotionParameters) -> float:
         async with self._in_turn(ControlMode.POSITION_ABSOLUTE):
@@ -313,5 +318,6 @@ def pair(wheels: tuple[ZlacWheel, ZlacWheel], parts: tuple[Handle[Any], Handle[A
     joint = Joint((0, 1), lambda axis: wheels[axis].drop(parts[axis]))
     for axis, (wheel, part) in enumerate(zip(wheels, parts, strict=True)):
         wheel._stops.queue.pair(part, joint)
+        part._waits_for.append(lambda: parts)
         joint.join(axis, part)
     return joint

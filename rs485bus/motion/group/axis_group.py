@@ -38,7 +38,9 @@ class GroupMove(Cancellable[dict[str, float]]):
         self._execution = GroupExecution(
             {name: axis.member for name, axis in axes.items()}, goals, wish, self.finish, self._failed
         )
-        self._kept_from_beginning = self._one_is_kept_by
+        self._waits_for.append(self.moves.values)
+        for move in self.moves.values():
+            move._waits_for.append(self.moves.values)
 
     @property
     def seen(self) -> bool:
@@ -115,10 +117,6 @@ class GroupMove(Cancellable[dict[str, float]]):
             RequestFailed, MotionError: why the first one failed, and which.
         """
         return await super().wait()
-
-    def _one_is_kept_by(self) -> Handle[Any] | None:
-        """What keeps a part from beginning until the present task leaves its block."""
-        return next(filter(None, (move._kept_from_beginning() for move in self.moves.values())), None)
 
     def _failed(self, who: str | None, error: Exception) -> None:
         self._root = who

@@ -118,6 +118,8 @@ class GroupStream:
             for stream in self._streams.values():
                 stream._join(turn.come)  # all at once: what two axes do together must not come between
                 stream.on_end(turn.give_up)
+            for stream in self._streams.values():
+                stream._check_wait()
             async with AsyncExitStack() as stack:
                 parts = {name: await stack.enter_async_context(stream) for name, stream in self._streams.items()}
                 self._setpoint = GroupSetpoint(parts)

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from rs485bus import AxisGroup, MksServo, open_bus
 from rs485bus.devices.zlac.values import Fault, Side
 from rs485bus.errors import BusError, MotionError
-from rs485bus.sim import Noise
+from rs485bus.sim import Noise, SimMks, VirtualLine
 from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
 
 
@@ -124,4 +125,50 @@ async def test_a_move_awaited_in_the_block_of_the_other_wheel_s_stream_is_refuse
             move = p.base.right.move_by(0.5)
             with pytest.raises(MotionError, match="leave the block first"):
                 await move
+        assert await move == pytest.approx(0.5, abs=0.01)
+
+
+@on_virtual_clock
+async def test_what_waits_for_the_other_wheel_s_stream_is_refused_in_its_block_however_it_is_asked_for() -> None:
+    async with plant() as p, open_bus(VirtualLine(SimMks(1))) as bus, asyncio.timeout(120.0):
+        right, x = p.base.right, MksServo(bus, 1)
+        await x.enable()
+        for ask in (
+            lambda: AxisGroup(r=right).move_by(r=0.5),
+            lambda: AxisGroup(x=x, r=right).move_by(x=0.5, r=0.5),
+            lambda: AxisGroup(x=x, r=right).move_by(x=0.5, r=0.5).moves["x"],
+            lambda: right.torque(100),
+            lambda: (right.move_by(0.5), right.run(30.0, duration=0.5))[1],
+            lambda: p.base.move_by(0.5, 0.5).right,
+        ):
+            async with p.base.left.stream(timeout=5.0) as setpoint:
+                setpoint(30.0)
+                told = ask()
+                with pytest.raises(MotionError, match="leave the block first"):
+                    await told
+            await told  # behind the block it is done
+            await p.base.stop()
+            await x.stop()
+
+
+@on_virtual_clock
+async def test_a_stream_of_a_group_is_refused_in_the_block_of_a_stream_of_its_last_axis() -> None:
+    async with plant() as p, open_bus(VirtualLine(SimMks(1))) as bus, asyncio.timeout(120.0):
+        x = MksServo(bus, 1)
+        await x.enable()
+        async with p.base.left.stream(timeout=5.0) as setpoint:
+            setpoint(30.0)
+            with pytest.raises(MotionError, match="leave the block first"):
+                async with AxisGroup(x=x, left=p.base.left).stream():
+                    pytest.fail("it cannot begin")
+
+
+@on_virtual_clock
+async def test_a_move_behind_the_other_wheel_s_stream_is_done_where_an_error_left_that_block() -> None:
+    async with plant() as p:
+        with pytest.raises(ZeroDivisionError):
+            async with p.base.left.stream(timeout=5.0) as setpoint:
+                setpoint(30.0)
+                move = p.base.right.move_by(0.5)
+                raise ZeroDivisionError
         assert await move == pytest.approx(0.5, abs=0.01)

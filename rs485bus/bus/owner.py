@@ -328,7 +328,7 @@ class Owner:
             # Whether it is there is known when it was silent for its time; others must not trip for that.
             timeout = min(timeout, max(CUT_AFTER, unit.silent_since + timeout - start))
         self.feeding.strain.sent(job.feeds)
-        self.pair.begin(job, start, timeout, self.units.late(self._clock.now))
+        self.pair.begin(job, start, timeout, self.units.late(self._clock.now), unit.reply_times)
         if job.reply_timeout is None and unit.late.in_order and self._may_be_hurried(job):
             # Others are served then. The reply may come until it is owed no more all the same.
             self.pair.deadline -= max(0.0, timeout - unit.reply_times.wait(job, timeout) - self.host_slack)

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from rs485bus import AxisGroup, Bus, MksServo, Zlac8015d, open_bus
+from rs485bus import AxisGroup, Bus, MksServo, TlrStepper, Zlac8015d, open_bus
 from rs485bus.errors import MotionError
-from rs485bus.sim import SimMks, SimZlac, VirtualLine
+from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
 from tests.devices.stream_rig import now
 from tests.devices.test_setpoints_on_the_wire import lose, writes_to
 from tests.integration.support import virtual
@@ -173,3 +173,19 @@ async def test_no_stop_is_sent_into_the_answer_to_the_one_before_it(turnaround: 
         await asyncio.gather(*(axis.stop().wait() for axis in axes))
         assert sorted(heard) == [1, 2, 3]
         assert max(heard.values()) - begun < 4 * (turnaround + 0.03)
+
+
+@virtual
+async def test_late_answers_to_stops_are_no_noise_and_stops_to_one_drive_keep_no_other_from_being_looked_at() -> None:
+    """They come while the next stop goes out: told again and again, one that is slow would have the pair for itself."""
+    for after in range(20):
+        tlr, zlac = SimTlr(1), SimZlac(2)
+        tlr.baudrate = 9600
+        async with open_bus(VirtualLine(tlr, zlac, baudrate=9600, turnaround=0.085)) as bus, asyncio.timeout(20):
+            y, base = TlrStepper(bus, 1), Zlac8015d(bus, 2)
+            for axis in (y, base.left, base.right):
+                axis.enable()
+            await asyncio.sleep(0.2 + 0.01 * after)
+            begun = now()
+            await asyncio.gather(*(axis.stop().wait() for axis in (y, base.left, base.right)))
+            assert now() - begun < 2.0, after

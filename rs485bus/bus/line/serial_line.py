@@ -14,6 +14,7 @@ from rs485bus.bus.line.transaction import Received, Transaction
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.units.motion import NEVER
+from rs485bus.bus.units.reply_times import ReplyTimes
 from rs485bus.wire.frames import MAX_FRAME, Request
 from rs485bus.wire.timing import LineSettings
 
@@ -35,7 +36,7 @@ _RECENTLY = 1.0
 """Seconds for which a pair on which there was noise counts as noisy."""
 _NOISY_WAITS = (0.01, 0.02, 0.04)
 """Seconds for which the answer to a stop is waited for on a noisy pair: in turns, so that the next one goes out at
-another moment of whatever makes the noise."""
+another moment of whatever makes the noise. The last one is no shorter than the unit is known to take."""
 _HELD_UP = 0.5
 """Seconds of noise, at most, that the wait for a reply may have seen. Some of it may have been the reply, torn."""
 _BEGUN = 3
@@ -60,6 +61,7 @@ class SerialLine:
         "_cut_after",
         "_deaf",
         "_first_byte_at",
+        "_gap_from",
         "_over_noise",
         "_turn",
         "air_end",
@@ -109,6 +111,8 @@ class SerialLine:
         self.is_brief = False
         """What is out is part of a stop on a noisy pair: it is not waited for long, if there is noise."""
         self._brief_until = 0.0
+        self._gap_from = 0.0
+        """Until when an answer to that may begin though there was no noise for a while."""
         self._deaf = 0.0
         """Seconds since `heard_at` for which what is part of a stop was sent. Nobody listened then."""
         self._turn = 0
@@ -117,6 +121,11 @@ class SerialLine:
     def is_noisy(self) -> bool:
         """Whether there was noise where there should have been silence."""
         return self.heard_at > self.noisy_since + _NOISE
+
+    @property
+    def is_being_answered(self) -> bool:
+        """Whether what is heard looks like the begin of an answer, if a late one."""
+        return self.exchange.pending >= _BEGUN
 
     def has_noise(self, now: float) -> bool:
         """Whether there is noise now, and not a transaction."""
@@ -132,8 +141,10 @@ class SerialLine:
         """When a frame may go out that waits for silence no longer. After a frame of our own there is silence."""
         return self.air_end + self.silence
 
-    def begin(self, job: Job, start: float, reply_timeout: float, late: Sequence[PendingReplies]) -> None:
-        """The job's frame goes out at `start`."""
+    def begin(
+        self, job: Job, start: float, reply_timeout: float, late: Sequence[PendingReplies], times: ReplyTimes
+    ) -> None:
+        """The job's frame goes out at `start`, to a unit that takes such `times` to answer."""
         request = job.request
         air = self.line.airtime(len(request.adu))
         self.airtime += air
@@ -144,7 +155,10 @@ class SerialLine:
         self.exchange.begin(request, late)
         self.is_brief = self._over_noise or (job.urgency in _STOPPING and self.was_noisy(start))
         if self.is_brief:
-            self._brief_until = self.air_end + _NOISY_WAITS[self._turn % len(_NOISY_WAITS)]
+            wait, gap = _NOISY_WAITS[self._turn % len(_NOISY_WAITS)], _NOISE
+            if wait == _NOISY_WAITS[-1]:
+                gap = max(gap, times.expected(job)[1])
+            self._gap_from, self._brief_until = self.air_end + gap, self.air_end + max(wait, gap)
             self._turn += 1
             self._deaf += air
         else:
@@ -187,7 +201,7 @@ class SerialLine:
         over = self.deadline
         if self.is_brief and (self._over_noise or self.heard_at > self.air_end):
             # In a gap a slave is heard at once, if it heard the frame; if not, the gap is for the next one.
-            gap = max(self.air_end + _NOISE, self.heard_at + self.silence)
+            gap = max(self._gap_from, self.heard_at + self.silence)
             over = min(over, gap, self._unless_begun(self._brief_until))
         if stop_asked_at is None:
             return over

@@ -107,6 +107,10 @@ class Pacing(Protocol):
     def gives_up_after(self) -> float:
         """Seconds for which it is stopped then before it is said that this was in vain."""
 
+    @property
+    def looks_wait(self) -> float:
+        """Seconds for which a look may wait for the stops of others before that is said."""
+
     def at_the_latest(self, sent_at: float) -> float:
         """When it is stopped again, after it was said that it could not be seen standing, though it acknowledged the
         last stop: infinity if there is no need to."""
@@ -223,8 +227,11 @@ class Halt:
                 self.give_up()
             if self.told is not None:
                 until = pacing.next_at(self._now, self._sent_at, self._acknowledged)
-                while self._now < until and order == self._orders and not (self._over or self._is_back(pacing)):
-                    self._now = yield min(until, self._now + _ORDERS_EVERY)
+                others = self._now + self._took  # have their turns, too, however often it is heard again
+                while self._now < until and order == self._orders and not self._over:
+                    if self._now >= others and self._is_back(pacing):
+                        break
+                    self._now = yield min(until, others if self._now < others else self._now + _ORDERS_EVERY)
         return False
 
     def _is_back(self, pacing: Pacing) -> bool:
@@ -281,7 +288,8 @@ class Halt:
     def _see_it_stand(self, order: int, pacing: Pacing) -> Procedure[bool]:
         """Look until it stands, or until it should be told to stop once more."""
         patience, heard = self._now + self._patience, False
-        by = _FOREVER if self.told is None else pacing.at_the_latest(self._sent_at)
+        # Also where stops to others leave no turn to its looks, it is told that it was not seen to stand.
+        by = max(patience, self._now + pacing.looks_wait) if self.told is None else pacing.at_the_latest(self._sent_at)
         if self._will_do(pacing):
             return order == self._orders
         while order == self._orders and not self._over:

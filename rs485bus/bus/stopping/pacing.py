@@ -77,6 +77,10 @@ class StopPacing:
     def gives_up_after(self) -> float:
         return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout)
 
+    @property
+    def looks_wait(self) -> float:
+        return self._stopping * self.gives_up_after
+
     def at_the_latest(self, sent_at: float) -> float:
         unit = self._unit
         guarded = self._feeding.get(unit.address) is not None

@@ -115,8 +115,9 @@ class ReplyTimes:
     def expected(self, job: Job) -> tuple[float, float]:
         """The earliest and the latest time at which the reply to a job should begin; 0 where that is not known."""
         for kind in (self._kinds[_kind(job)], *self._kinds):
-            if kind.wait < _UNKNOWN:
-                return kind.mean - (kind.wait - kind.mean), kind.wait
+            if kind.samples:
+                wait = kind.wait if kind.wait < _UNKNOWN else 1.5 * kind.mean + MARGIN
+                return 2 * kind.mean - wait, wait
         return 0.0, 0.0
 
     def learned(self, kind: RequestKind) -> float | None:

@@ -126,7 +126,7 @@ class ZlacWheel(Axis):
         push = self._commands.queue(
             f"torque of {milliamperes} mA", None, None, lambda move: self._push(move, wanted, slope)
         )
-        return self.after_streams(push)
+        return self._after_streams(push)
 
     async def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
@@ -137,12 +137,12 @@ class ZlacWheel(Axis):
 
     def _accompany(self, moves: Mapping[GroupMember, GroupMemberMove]) -> None:
         """One frame starts both wheels, where both go."""
-        self.after_streams(moves[self.member])
+        self._after_streams(moves[self.member])
         right = self.other
         if self.side is Side.LEFT and right.member in moves:
             pair((self, right), (moves[self.member], moves[right.member]))
 
-    def after_streams(self, move: Move) -> Move:
+    def _after_streams(self, move: Move) -> Move:
         """It waits for a stream of the other wheel: the drive has one mode."""
         move._waits_for.append(self.other._stops.queue.kept_open)
         return move
@@ -237,7 +237,7 @@ class ZlacWheel(Axis):
     def _go(self, parameters: MotionParameters, goal: MoveTarget) -> Move:
         # A position is gone to at whole rpm, and not as fast as the wheel can run.
         move = super()._go(self._scale.position_parameters(parameters.rpm, parameters.acceleration), goal)
-        return self.after_streams(move)
+        return self._after_streams(move)
 
     async def _move(self, move: Move, goal: MoveTarget, parameters: MotionParameters) -> float:
         async with self._in_turn(ControlMode.POSITION_ABSOLUTE):

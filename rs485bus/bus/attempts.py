@@ -172,7 +172,8 @@ class Attempts:
             self._fed_nothing(job)
             self._repeating.after_exception(job, meaning, self._clock.now)
             return
-        self._feeding.heard(unit.address, since, job.sent_at)
+        # Where an answer is never known to be the latest attempt's, it feeds as if it were: that was sent all the same.
+        self._feeding.heard(unit.address, since if unit.late.in_order else job.sent_at, job.sent_at)
         if job.feeds and since == job.sent_at:
             air = self._pair.line.airtime(len(job.request.adu) + len(frame))
             self._feeding.fed(unit.address, self._clock.now - job.sent_at - air)

@@ -10,6 +10,7 @@ from rs485bus.sim import Noise, SimUnit
 from rs485bus.sim.device import ILLEGAL_ADDRESS, Refusal
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import Request, read_holding, read_input
+from rs485bus.wire.registers import Register
 from tests.bus.support import BANK, Drive, drives
 from tests.bus.test_emergency import guard
 
@@ -100,3 +101,23 @@ def test_what_may_take_longer_than_a_feed_does_not_go_in_its_place(
     feeds, longest = fed(rig, made)
     assert feeds < 5 if stands_in else feeds > 50
     assert longest < 1 / 3 + 0.0105
+
+
+@pytest.mark.parametrize("register", [r.STATUS, r.POSITION, r.PULSES])
+def test_behind_a_gateway_no_feed_keeps_owed_what_somebody_waits_for(register: Register[int]) -> None:
+    """An equal answer to a feed could be the one that is owed, and so one is owed for as long again."""
+    rig = Rig(config=BusConfig(echo=False, reply_timeout=0.05), noise=Noise(lost_reply=0.1), seed=3, gateway=True)
+    guard(rig, *drives(rig, 1), timeout=1.0)
+    waited: list[float] = []
+
+    def ask() -> None:
+        rig.owner.submit(Job(read(1, register), on_end=again), rig.now)
+
+    def again(job: Job) -> None:
+        waited.append(rig.now - job.queued_at)
+        rig.at(rig.now + 0.1, ask)
+
+    ask()
+    rig.run(60.0)
+    assert len(waited) > 50
+    assert max(waited) < 5.1

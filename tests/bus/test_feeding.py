@@ -16,6 +16,7 @@ from rs485bus.devices.mks.frames import read, write, write_block
 from rs485bus.errors import LimitExceeded, WatchdogInfeasible
 from rs485bus.sim import Noise, SimUnit
 from rs485bus.sim.rig import Rig
+from rs485bus.sim.treatment import Treatment
 from rs485bus.wire.frames import read_holding, write_single
 from rs485bus.wire.timing import LineSettings
 from tests.bus.support import BANK, Deaf, Drive, drives
@@ -338,6 +339,30 @@ def test_feeding_goes_on_through_lost_replies() -> None:
     rig.run(300.0)
     assert len(rig.owner.feeding.all()) == 8
     assert all(not drive.interruptions for drive in made)
+
+
+@pytest.mark.parametrize("noise", [Noise(lost_reply=0.1), Noise(lost_reply=0.05, lost_request=0.05)])
+def test_behind_a_gateway_too_though_equal_answers_do_not_tell_whose_they_are(noise: Noise) -> None:
+    rig = Rig(config=BusConfig(echo=False, reply_timeout=0.05), seed=5, noise=noise, gateway=True, keep_frames=False)
+    made = drives(rig, 8)
+    guard(rig, *made, timeout=1.0)
+    rig.run(100.0)
+    assert len(rig.owner.feeding.all()) == 8
+    assert all(not (drive.interruptions or drive.sim.trips) for drive in made)
+
+
+def test_behind_a_gateway_a_dead_device_is_told_in_its_time_whatever_it_owed() -> None:
+    rig = Rig(config=BusConfig(echo=False, reply_timeout=0.05), noise=Noise(lost_reply=0.1), seed=5, gateway=True)
+    made = drives(rig, 2)
+    guard(rig, *made, timeout=1.0)
+    rig.run(20.0)
+    assert rig.owner.units[1].late
+    rig.pair.script = lambda frame, now: Treatment(heard=frame[0] != 1)
+    died_at = rig.now
+    rig.run(5.0, lambda: bool(made[0].interruptions))
+    assert 0.6 < rig.now - died_at <= 1.0
+    rig.run(20.0)
+    assert not made[1].interruptions
 
 
 # Trips

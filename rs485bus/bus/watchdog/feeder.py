@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from operator import attrgetter
+
 from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.schedule.queue import Admission, Queue
 from rs485bus.bus.units.adapter import DeviceAdapter
-from rs485bus.bus.units.unit_state import UnitStates
+from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
+from rs485bus.wire.frames import Request
 
 _NOT_NOW = float("inf")
+_length = attrgetter("length")
 _BRIEFEST = 0.001
 """Seconds for which the answer to a feed is waited for at the least."""
 
@@ -39,13 +44,8 @@ def next_feed(
         if waiting is not None:
             waiting.feeds = True
             return waiting
-    reads = attached.reads()
-    request = reads[0]
-    if unit.late:
-        # One whose reply is not owed, or else one that proves less.
-        unit.late.expire(now)
-        free = [read for read in reads if not unit.late.must_wait(read)]
-        request = min(free, key=lambda read: read.length, default=request)
+    unit.late.expire(now)
+    request = _read_to_feed(unit, attached.reads(), queue) if unit.late else attached.reads()[0]
     watch.ledger.feeds += 1
     job = Job(request, urgency=Urgency.FEED, ignores_late_replies=True, internal=True, retries=0)
     job.feeds = True
@@ -54,6 +54,19 @@ def next_feed(
     waits = unit.reply_timeout if in_full else max(_BRIEFEST, wait - watch.overhead)
     job.reply_timeout = min(waits, unit.reply_timeout)
     return job
+
+
+def _read_to_feed(unit: UnitState, reads: Sequence[Request], queue: Queue) -> Request:
+    """What to ask a device that owes replies: one whose reply is not owed, or else one that proves less.
+
+    Where nothing ends that but time, an answer to what is owed makes it owed for longer, and so does one that is lost:
+    it is the least telling read then, and none that somebody waits for.
+    """
+    if unit.late.in_order:
+        return min((read for read in reads if not unit.late.must_wait(read)), key=_length, default=reads[0])
+    waiting = list(queue.next_of(unit.address))
+    free = (read for read in reversed(reads) if not any(read.may_answer(job.request) for job in waiting))
+    return next(free, reads[-1])
 
 
 def _is_as_short(job: Job, attached: DeviceAdapter) -> bool:

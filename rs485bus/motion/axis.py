@@ -25,6 +25,7 @@ from rs485bus.motion.events import Event, Events
 from rs485bus.motion.executor import MoveExecutor
 from rs485bus.motion.group.axis_member import AxisMember
 from rs485bus.motion.move import Move, MoveTarget
+from rs485bus.motion.pace import Pace
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.runs import RunExecutor
 from rs485bus.motion.sample import AxisSample
@@ -259,22 +260,23 @@ class Axis:
         return AxisSample.of(self._state, self.bus.now(), self._scale, knows_counts=self._drive.knows_counts)
 
     async def samples(self, every: float = 0.05) -> AsyncIterator[AxisSample]:
-        """A sample about every so many seconds. Only what is older than that is asked for.
+        """A sample every so many seconds. Only what nobody has asked since the one before is asked for.
 
         Where the drive does not answer, samples grow old (`age`).
         """
         every = positive(f"{self.name}: every (s)", every)
-        know = self._executor.knowledge.know
+        know, now = self._executor.knowledge.know, self.bus.now
+        pace, since = Pace(every, now()), now() - every
         while True:
-            since = self.bus.now() - every
             try:
                 await know((Fact.POSITION,), since=since)
                 if self._state.stands is not False:  # where its positions show that it moves, its status says no more
                     await know((Fact.RUNNING,), since=since)
             except (NoReply, NotSent):
                 self._stops.check_open()
+            since = now()
             yield self.sample
-            await anyio.sleep(every)
+            await anyio.sleep(pace.left(now()))
 
     async def events(self) -> AsyncIterator[Event]:
         """What happens to the axis from now on: faults, limits, stalls, restarts, trips, stops, lost and back.

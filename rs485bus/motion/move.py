@@ -12,6 +12,7 @@ from typing import Any, Literal, Self, TypeVar
 
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
+from rs485bus.motion.pace import Pace
 
 T = TypeVar("T")
 
@@ -122,7 +123,7 @@ class Move(Cancellable[float]):
             self._cancel(self)
 
     async def positions(self, every: float = 0.1) -> AsyncIterator[float]:
-        """Where the axis is, about every so many seconds until the move has ended; last, where it ended.
+        """Where the axis is, every so many seconds until the move has ended; last, where it ended.
 
         Raises:
             MotionError: what the move raises.
@@ -132,12 +133,14 @@ class Move(Cancellable[float]):
 
 
 async def positions_until(handle: Handle[T], ask: Callable[[], Awaitable[T]], every: float) -> AsyncIterator[T]:
-    """What somebody says who is asked about every so many seconds until a command has ended; last, what came of it."""
+    """What somebody says who is asked every so many seconds until a command has ended; last, what came of it."""
+    now = asyncio.get_running_loop().time
+    pace = Pace(every, now())
     while not handle.done():
         yield await ask()
         ended = asyncio.ensure_future(handle.wait())
         try:
-            await asyncio.wait([ended], timeout=every)
+            await asyncio.wait([ended], timeout=pace.left(now()))
         finally:
             if ended.done():
                 ended.exception()  # it is raised below

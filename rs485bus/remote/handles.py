@@ -60,7 +60,7 @@ class RemoteMove(Cancellable[T]):
             self._cancel(self)
 
     async def positions(self, every: float = 0.1) -> AsyncIterator[float]:
-        """Where the axis is, about every so many seconds until the move has ended; last, where it ended.
+        """Where the axis is, every so many seconds until the move has ended; last, where it ended.
 
         Raises:
             MotionError: what the move raises.

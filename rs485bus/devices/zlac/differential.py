@@ -16,6 +16,7 @@ from rs485bus.devices.zlac.streams import PairSetpoint, PairStream
 from rs485bus.devices.zlac.together import Both
 from rs485bus.devices.zlac.zlac import Zlac8015d
 from rs485bus.errors import DeviceOffline, NoReply, ReferenceLost
+from rs485bus.motion.pace import Pace
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.streaming import Speeds
 
@@ -228,18 +229,19 @@ class DifferentialDrive:
         return self.pose
 
     async def poses(self, every: float = 0.05) -> AsyncIterator[Pose]:
-        """Where it is, about every so many seconds. What is not answered is asked again, for a second.
+        """Where it is, every so many seconds. What is not answered is asked again, for a second.
 
         Raises:
             NoReply, DeviceOffline: the drive has not answered for longer.
         """
+        pace = Pace(every, self._wheels.now())
         while True:
             try:
                 yield await self.update()
             except (NoReply, DeviceOffline):
                 if self._wheels.now() > self._at + _PATIENCE:
                     raise
-            await anyio.sleep(every)
+            await anyio.sleep(pace.left(self._wheels.now()))
 
     async def reset(self, pose: Pose | None = None) -> None:
         """Say where it is; None for the origin. Counting goes on from the present counts."""

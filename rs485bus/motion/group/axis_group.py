@@ -91,7 +91,7 @@ class GroupMove(Cancellable[dict[str, float]]):
         return [at for at in begun if at is not None]
 
     async def positions(self, every: float = 0.1) -> AsyncIterator[dict[str, float]]:
-        """Where the axes are, by name, about every so many seconds until the move has ended; last, where it ended.
+        """Where the axes are, by name, every so many seconds until the move has ended; last, where it ended.
 
         Raises:
             RequestFailed, MotionError: what the move raises.

@@ -112,5 +112,14 @@ def choice(name: str, value: object, kind: type[E]) -> E:
 def instance(name: str, value: T, kinds: type | tuple[type, ...], example: str) -> T:
     """An object of one of some classes, as `example` makes one."""
     if not isinstance(value, kinds):
-        raise TypeError(f"{name} must be made like {example}, not {value!r}")
+        raise TypeError(f"{name} must be made like {example}, not {value!r}{elsewhere(value)}")
     return value
+
+
+def elsewhere(value: object) -> str:
+    """What a message about a wrong object adds where it is of the blocking face: what it is to be given to."""
+    if not type(value).__module__.startswith("rs485bus.blocking"):
+        return ""
+    return (
+        ". That is of rs485bus.blocking: make what takes it there, too (bus.mks(1), bus.group(x=x), bus.vehicle(base))"
+    )

@@ -22,8 +22,8 @@ from rs485bus.plant.family import Family, Sign
 from rs485bus.transport.interface import Transport
 from rs485bus.wire.timing import LineSettings, Parity
 
-PortOf = Callable[[LineSettings], str | Transport]
-"""What is opened for some line settings."""
+PortOf = str | Callable[[LineSettings], str | Transport]
+"""A port, as for `open_bus`; or what makes one for some line settings."""
 
 RATES = (38400, 115200, 9600, 19200, 57600, 256000, 128000)
 """bit/s, in the order in which they are tried: first those at which drives are shipped."""
@@ -42,6 +42,11 @@ _NOISY = 20
 _AGREES = 4
 """Times that a drive is asked for what two at one address would answer differently."""
 _SOME_SECONDS = 1.0
+
+
+def port_for(port: PortOf, line: LineSettings) -> str | Transport:
+    """What `open_bus` is given for some line settings."""
+    return port if isinstance(port, str) else port(line)
 
 
 class Format(NamedTuple):
@@ -186,7 +191,7 @@ class Scan:
         settings = LineSettings(baudrate=rate, parity=form.parity, stopbits=form.stopbits)
         config = BusConfig(reply_timeout=_PATIENT, late_reply_window=_PATIENT, retries=0, offline_after=100)
         opening = open_bus(
-            self.port(settings),
+            port_for(self.port, settings),
             baudrate=settings.baudrate,
             parity=settings.parity,
             stopbits=settings.stopbits,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import anyio
 
-from rs485bus.bench.scan import Format, Found, PortOf, recognise
+from rs485bus.bench.scan import Format, Found, PortOf, port_for, recognise
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.opening import Opening, open_bus
@@ -27,12 +27,18 @@ from rs485bus.wire.timing import LineSettings
 PowerCycle = Callable[[str], Awaitable[bool]]
 """Asks somebody to switch the drive off and on. Returns whether that was done."""
 
+
 _USUAL = Format("N", 1)
 _SETTLES = 0.5
 _COMES_BACK = 20
 """Times half a second that a drive may take to answer after it was switched on."""
 _DIP_STATIONS = 15
 _PATIENT = BusConfig(offline_after=100, late_reply_window=0.1)
+
+
+async def by_nobody(text: str) -> bool:
+    """Nobody is there who could switch the drive off and on."""
+    return False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +66,10 @@ class NewDrive:
         """Where it answers."""
         return Place(self.address, self.baudrate)
 
+    def at(self, place: Place) -> NewDrive:
+        """The same drive where it answers now."""
+        return replace(self, address=place.address, baudrate=place.baudrate)
+
     def check(self, new: Place) -> None:
         """Refuse a place that it cannot have. Raises `NotSupported`."""
         self.check_address(new.address)
@@ -80,7 +90,7 @@ class NewDrive:
                 f"{family.title} drives have {', '.join(map(str, family.baudrates))} bit/s, not {baudrate}."
             )
 
-    async def set_address(self, new: int, power_cycle: PowerCycle) -> Provisioned:
+    async def set_address(self, new: int, power_cycle: PowerCycle = by_nobody) -> Provisioned:
         """Give it another address.
 
         Raises:
@@ -95,7 +105,7 @@ class NewDrive:
             return await provisioning.set_address(self._at, new, address=self.address, baudrate=self.baudrate)
         return await self._change(Place(new, self.baudrate), power_cycle)
 
-    async def set_baudrate(self, new: int, power_cycle: PowerCycle) -> Provisioned:
+    async def set_baudrate(self, new: int, power_cycle: PowerCycle = by_nobody) -> Provisioned:
         """Give it another baud rate. Raises as `set_address`."""
         self.check(Place(self.address, new))
         if self.family == "mks":
@@ -106,14 +116,16 @@ class NewDrive:
     # Inside
 
     def _at(self, baudrate: int) -> str | Transport:
-        return self.port(self._line(baudrate))
+        return port_for(self.port, self._line(baudrate))
 
     def _line(self, baudrate: int) -> LineSettings:
         return LineSettings(baudrate=baudrate, parity=self.format.parity, stopbits=self.format.stopbits)
 
     def _open(self, baudrate: int) -> Opening:
         line = self._line(baudrate)
-        return open_bus(self.port(line), baudrate=baudrate, parity=line.parity, stopbits=line.stopbits, config=_PATIENT)
+        return open_bus(
+            port_for(self.port, line), baudrate=baudrate, parity=line.parity, stopbits=line.stopbits, config=_PATIENT
+        )
 
     async def _change(self, new: Place, power_cycle: PowerCycle) -> Provisioned:
         old = self.place
@@ -200,5 +212,5 @@ async def modbus_on(port: PortOf, address: int, baudrate: int) -> Provisioned:
     """Have an MKS drive speak Modbus that is set to its own protocol."""
     line = LineSettings(baudrate=baudrate)
     return await provisioning.enable_modbus(
-        lambda rate: port(replace(line, baudrate=rate)), address=address, baudrate=baudrate
+        lambda rate: port_for(port, replace(line, baudrate=rate)), address=address, baudrate=baudrate
     )

@@ -11,7 +11,7 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from rs485bus.bench.scan import Format, PortOf, ask
+from rs485bus.bench.scan import Format, PortOf, ask, port_for
 from rs485bus.bench.setup import NewDrive, PowerCycle
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
@@ -187,7 +187,7 @@ class Tuning:
         """Ask all drives again and again, without a pause, until enough was asked or something is lost."""
         config = replace(config, retries=0, offline_after=100, reply_timeout=_FIRST_WAIT, late_reply_window=0.1)
         opening = open_bus(
-            self.port(line), baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, config=config
+            port_for(self.port, line), baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, config=config
         )
         async with opening as bus:
             records: list[Record] = []

@@ -38,3 +38,7 @@ def __getattr__(name: str) -> Any:
     if face is None:
         raise AttributeError(f"module 'rs485bus.blocking' has no attribute {name!r}")
     return face
+
+
+def __dir__() -> list[str]:
+    return sorted([*(name for name in globals() if name.startswith("__")), *__all__, *_ROOTS, "Plant"])

@@ -169,7 +169,7 @@ class Axis:
         """What is known of the axis now, without a frame."""
         ...
     def samples(self, every: float = 0.05) -> Stream[AxisSample]:
-        """A sample about every so many seconds. Only what is older than that is asked for.
+        """A sample every so many seconds. Only what nobody has asked since the one before is asked for.
 
         Where the drive does not answer, samples grow old (`age`).
         """
@@ -754,12 +754,15 @@ class DifferentialDrive:
             TypeError: a speed is no number.
         """
         ...
+    def enable(self) -> Both[None]:
+        """Enable both wheels. As `Zlac8015d.enable`."""
+        ...
     @property
     def pose(self) -> Pose:
         """Where it was when the drive was last heard."""
         ...
     def poses(self, every: float = 0.05) -> Stream[Pose]:
-        """Where it is, about every so many seconds. What is not answered is asked again, for a second.
+        """Where it is, every so many seconds. What is not answered is asked again, for a second.
 
         Raises:
             NoReply, DeviceOffline: the drive has not answered for longer.
@@ -828,7 +831,7 @@ class GroupMove(Cancellable[dict[str, float]]):
         """The part of each axis, by name."""
         ...
     def positions(self, every: float = 0.1) -> Stream[dict[str, float]]:
-        """Where the axes are, by name, about every so many seconds until the move has ended; last, where it ended.
+        """Where the axes are, by name, every so many seconds until the move has ended; last, where it ended.
 
         Raises:
             RequestFailed, MotionError: what the move raises.
@@ -1300,7 +1303,7 @@ class Move(Cancellable[float]):
         """End the move: one that waits leaves the queue, one under way stops the axis. It raises `MoveCancelled`."""
         ...
     def positions(self, every: float = 0.1) -> Stream[float]:
-        """Where the axis is, about every so many seconds until the move has ended; last, where it ended.
+        """Where the axis is, every so many seconds until the move has ended; last, where it ended.
 
         Raises:
             MotionError: what the move raises.

@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Any, Literal
 
 from rs485bus.arguments import flag, instance
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.port_urls import PORTS, Backend, transport_at
@@ -69,13 +70,16 @@ def open_bus(
     return Opening(make, config)
 
 
-class Opening:
+class Opening(AsyncBlock):
     """What `open_bus` returns: an async context manager, or to be awaited for a bus to be closed with `aclose()`."""
 
     def __init__(self, make: Callable[[], Transport], config: BusConfig) -> None:
         self._make = make
         self._config = config
         self._bus: Bus | None = None
+
+    def __repr__(self) -> str:
+        return "<open_bus(...) that nobody awaited>" if self._bus is None else repr(self._bus)
 
     async def _open(self) -> Bus:
         bus = Bus(self._make(), self._config)

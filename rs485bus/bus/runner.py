@@ -169,7 +169,7 @@ class OwnerRunner:
             self._said_blocked_at = now
             _log.warning(
                 "the event loop did not run for %.2f s: nothing was fed, supervised or stopped meanwhile. Something in "
-                "this program blocks it; call that in a thread: await asyncio.to_thread(...)",
+                "this program blocks it (call that in a thread: await asyncio.to_thread(...)), or the computer is busy",
                 late,
             )
         self.blocked(late)

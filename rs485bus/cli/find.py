@@ -77,7 +77,7 @@ async def run_scan(
             + (f"There is: {', '.join(there)}." if there else "None is plugged in. --sim scans virtual drives.")
         )
     scan = Scan(
-        port=_virtual_port() if port is None else lambda settings: port,
+        port=_virtual_port() if port is None else port,
         baudrates=baudrates or RATES,
         formats=[Format.parse(form) for form in formats or ["8N1"]],
         addresses=parse_addresses(addresses),

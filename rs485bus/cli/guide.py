@@ -27,8 +27,9 @@ def show_page(topic: str) -> None:
     known = topics()
     found = [name for name in known if name.startswith(topic)]
     if len(found) != 1 and topic not in known:
-        near = found or difflib.get_close_matches(topic, known, 1) or list(known)
-        raise typer.BadParameter(f"there is no page {topic!r}; did you mean {' or '.join(near)}?")
+        near = found or difflib.get_close_matches(topic, known, 1)
+        instead = f"did you mean {' or '.join(near)}?" if near else "rs485bus guide lists them."
+        raise typer.BadParameter(f"there is no page {topic!r}; {instead}")
     out = console()
     text = page(topic if topic in known else found[0])
     out.print(Markdown(text) if out.is_terminal else text, soft_wrap=not out.is_terminal, markup=False)

@@ -25,7 +25,10 @@ def _tlr(address: int) -> SimDevice:
 
 
 FAMILIES: dict[str, Callable[[int], SimDevice]] = {"MKS": _mks, "ZLAC": SimZlac, "TL-R": _tlr}
-_SWITCHES = {"MKS": f"{_SWITCH:g} turns down", "TL-R": f"{_SWITCH:g} turns up"}
+_SWITCHES = {
+    "MKS": f"{_SWITCH:g} turns below the start of each MKS",
+    "TL-R": f"{_SWITCH:g} turns above the start of each TL-R",
+}
 
 
 async def serve(
@@ -46,9 +49,9 @@ async def serve(
         print(port.path, flush=True)
         said = ", ".join(f"{family} {', '.join(map(str, some))}" for family, some in drives.items() if some)
         console.print(f"{said} at {baudrate} bit/s, 8N1. Interrupt with Ctrl-C.")
-        homes = [f"{family} {where}" for family, where in _SWITCHES.items() if drives.get(family)]
+        homes = [where for family, where in _SWITCHES.items() if drives.get(family)]
         if homes:
-            console.print(f"home() finds a switch: {', '.join(homes)}.")
+            console.print(f"home() finds a switch {', '.join(homes)}.")
         try:
             await asyncio.get_running_loop().create_future()
         finally:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from rs485bus.bench.scan import ADDRESSES, RATES, Found, PortOf, Scan
 from rs485bus.bench.setup import NewDrive, modbus_on
@@ -68,8 +68,7 @@ class SetUp:
             drive = self.drive
             return lambda line: VirtualLine(drive, baudrate=line.baudrate, parity=line.parity)
         assert self.port is not None
-        port = self.port
-        return lambda line: port
+        return self.port
 
     async def _turn_modbus_on(self) -> bool:
         result = await modbus_on(self._port(), self.address or 1, self.baudrate or SHIPPED)
@@ -125,7 +124,7 @@ class SetUp:
             self._say(result)
             if not result.confirmed or result.place is None:
                 return False
-            drive = replace(drive, address=result.place.address, baudrate=result.place.baudrate)
+            drive = drive.at(result.place)
         self.out.print(f"Done: {drive.place}. Write it on the drive.")
         return True
 

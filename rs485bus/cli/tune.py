@@ -68,7 +68,7 @@ async def _tune(file: PlantFile, name: str, sim: bool, rates: bool, write: bool,
 
 def _port(port: str, devices: list[SimDevice]) -> PortOf:
     if not devices:
-        return lambda line: port
+        return port
     return lambda line: VirtualLine(*devices, baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits)
 
 

@@ -24,6 +24,8 @@ _EVERY = 0.2
 _INTERRUPTED = 130
 _WIDE = 110
 """Columns from which on the bytes stand beside their meaning."""
+_PORT = 16
+"""Characters of a port's name that are shown, its last."""
 _COLUMNS = ((" axis", 13), ("state", 8), ("position", 15), ("target", 9), ("rpm", 7), ("set", 6), ("watchdog", 11))
 _STYLES = {"moving": "bold green", "stands": "", "released": "dim", "unknown": "yellow"}
 
@@ -187,8 +189,9 @@ def _watchdog(axis: AxisSight) -> Text:
 
 
 def _bus_line(title: str, bus: BusSight, width: int) -> Text:
+    port = bus.port if len(bus.port) <= _PORT else f"…{bus.port[1 - _PORT :]}"
     latency = "-" if bus.latency is None else f"{1000 * bus.latency:.1f} ms"
-    text = Text(f"{title[:12]} {bus.port[-16:]} {bus.baudrate}  ", "bold", no_wrap=True)
+    text = Text(f"{title[:12]} {port} {bus.baudrate}  ", "bold", no_wrap=True)
     if not bus.connected:
         return text.append("NOT CONNECTED", "bold red")
     text.append(f"load {bus.load:.0%}  {bus.rate}/s  {latency}  ", "not bold")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
 from rs485bus.motion.pace import Pace
@@ -44,7 +45,7 @@ class MoveState(enum.Enum):
     CANCELLED = "cancelled"
 
 
-class Cancellable(Handle[T]):
+class Cancellable(Handle[T], AsyncBlock):
     """A command that can be ended.
 
     `async with` waits for it at the end of the block, and ends it if the block is left by an exception.

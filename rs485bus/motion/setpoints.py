@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Literal
 
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.drive import Ability
@@ -226,7 +227,7 @@ async def _at_once() -> None:
     """Wait for nobody."""
 
 
-class SetpointStream:
+class SetpointStream(AsyncBlock):
     """A stream of set-points: `async with axis.stream() as setpoint: setpoint(90.0)`.
 
     Args:

@@ -135,5 +135,5 @@ class StreamExecutor:
 
     def notice_stale(self, what: str) -> None:
         """A set-point was too old."""
-        _log.warning("%s: %s", self._name, what)
+        _log.info("%s: %s", self._name, what)
         self._tell(EventKind.STALE, what)

@@ -10,6 +10,7 @@ from functools import partial
 from types import TracebackType
 from typing import Any, Generic, TypeVar, get_type_hints
 
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.opening import open_bus
 from rs485bus.bus.record import Record
@@ -62,7 +63,7 @@ class Named(Mapping[str, T], Generic[T]):
         return f"<{', '.join(self._items) or 'none'}>"
 
 
-class Plant:
+class Plant(AsyncBlock):
     """The buses, axes, groups and the vehicle of a plant file, open while a block runs.
 
         async with Plant.load("plant.toml") as plant:
@@ -123,7 +124,9 @@ class Plant:
             if name in there:
                 return there[name]
         if self._open is None and name in (*self.file.axes, *self.file.groups):
-            raise AttributeError(f"{name} is there while the plant is open: async with plant: await plant.{name} ...")
+            raise AttributeError(
+                f"{name} is there while the plant is open: in its block, `async with plant`, blocking `with plant`"
+            )
         known = [*self.file.axes, *self.file.groups]
         raise AttributeError(f"the plant {self.name} has no axis and no group {name!r}{instead(name, known)}")
 

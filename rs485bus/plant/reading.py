@@ -180,6 +180,7 @@ class _Reader:
             for key in get_close_matches("family", table.keys() - own.keys()):  # what else it takes, its family says
                 self._problems.add([*at, key], f"there is no such key{instead(key, ['family'])}")
         entry = validated(_Axis, own, at, self._problems)
+        bus = self._bus_of(own.get("bus", ""), at)
         options: BaseModel | None = None
         if family is not None:
             rest = {key: value for key, value in table.items() if key not in own}
@@ -187,21 +188,21 @@ class _Reader:
             options = validated(options_of(family.facade(), family.by_side), rest, at, self._problems, known)
         if not isinstance(entry, _Axis) or options is None or family is None:
             return None
-        bus = self._bus_of(entry, at)
         if not self._check_family(entry, family, at):
             return None
         return AxisEntry(**entry.model_dump(exclude={"bus"}), bus=bus, options=_given(options))
 
-    def _bus_of(self, entry: _Axis, at: list[str]) -> str:
+    def _bus_of(self, bus: object, at: list[str]) -> str:
+        """The name of the bus of an axis, of which `bus` is what its table says."""
         buses = self._content.get("buses")
         names = list(buses) if isinstance(buses, dict) else []
-        if entry.bus in names or not names:
-            return entry.bus
-        if entry.bus:
-            self._problems.add([*at, "bus"], f'there is no bus "{entry.bus}"{instead(entry.bus, names)}')
+        if not isinstance(bus, str) or bus in names or not names:
+            return str(bus)
+        if bus:
+            self._problems.add([*at, "bus"], f'there is no bus "{bus}"{instead(bus, names)}')
         elif len(names) > 1:
             self._problems.add([*at, "bus"], f"it is missing; there are several buses: {', '.join(names)}")
-        return entry.bus or names[0]
+        return bus or names[0]
 
     def _check_family(self, entry: _Axis, family: Family, at: list[str]) -> bool:
         """Whether its family can have such an axis."""

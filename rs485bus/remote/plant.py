@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, Literal
 
 from rs485bus.arguments import positive
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError
 from rs485bus.remote.axis import RemoteAxis, RemoteGroup, RemoteVehicle
@@ -24,7 +25,7 @@ from rs485bus.service.schema import BusReport, Description
 from rs485bus.service.topics import PLANT, PREFIX, VEHICLE, Topics, level
 
 
-class RemotePlant:
+class RemotePlant(AsyncBlock):
     """The axes, groups and the vehicle of a served plant, by their names. Made by `connect`."""
 
     def __init__(self, session: Session, lease: float, life: float) -> None:

@@ -7,6 +7,7 @@ import contextlib
 from types import TracebackType
 
 from rs485bus.arguments import real
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.remote.handles import RemoteMove
 from rs485bus.remote.outbox import Outbox
@@ -17,7 +18,7 @@ _OPENING = 5.0
 """Seconds within which the service must open it."""
 
 
-class RemoteStream:
+class RemoteStream(AsyncBlock):
     """`async with axis.stream() as setpoint: setpoint(rpm)`. The newest set-point counts. Leaving the block stops.
 
     Args:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rs485bus.bench.scan import Format, Found
+from rs485bus.bench.scan import Format, Found, Scan
 from rs485bus.bench.setup import NewDrive, modbus_on
 from rs485bus.errors import AddressInUse, NoReply, NotStanding, NotSupported
 from rs485bus.sim import Dip, SimDevice, SimMks, SimTlr, SimUnit, SimZlac, VirtualLine
@@ -140,3 +140,27 @@ async def test_an_mks_drive_that_speaks_its_own_protocol_is_made_to_speak_modbus
     bench = Bench("mks", sim, baudrate=38400)
     result = await modbus_on(bench.port, 1, 38400)
     assert result.confirmed, result
+
+
+@virtual
+async def test_a_port_is_said_by_its_name_and_a_drive_is_gone_on_with_where_it_answers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sim = SimMks(1, baudrate=38400)
+    monkeypatch.setattr(
+        "rs485bus.bus.opening.transport_at", lambda port, **line: lambda: VirtualLine(sim, baudrate=line["baudrate"])
+    )
+    (found,) = await Scan(port="/dev/ttyUSB0", expect=1).run()
+    drive = NewDrive.of("/dev/ttyUSB0", found)
+    moved = await drive.set_address(5)
+    assert (moved.confirmed, moved.place) == (True, (5, 38400))
+    assert moved.place is not None
+    assert (await drive.at(moved.place).set_baudrate(115200)).place == (5, 115200)
+
+
+@virtual
+async def test_where_nobody_can_switch_the_drive_off_it_is_said_to_take_the_change_then() -> None:
+    bench = Bench("zlac", rate(SimZlac(1), 115200))
+    told = await bench.drive.set_address(7)
+    assert not told.confirmed
+    assert "takes it when it is switched off and on" in str(told)

@@ -100,6 +100,15 @@ def test_what_is_no_plant_file_is_told(
     assert result.returncode == 2
 
 
+def test_check_takes_the_plant_file_of_this_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = invoke("check")
+    assert "There is no plant file plant.toml. rs485bus scan PORT --write plant.toml makes one" in result.said
+    assert result.returncode == 2
+    (tmp_path / "plant.toml").write_text(CELL)
+    assert "plant.toml is right: cell, 4 axes on 1 bus, 1 group, a vehicle." in invoke("check").said
+
+
 @pytest.mark.parametrize("ending", ["\r\n", "\r"])
 def test_a_plant_file_of_an_editor_on_windows_is_read(ending: str, tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"

@@ -101,7 +101,7 @@ def test_sim_prints_its_port_serves_until_interrupted_and_says_what_it_saw(tmp_p
             process.send_signal(signal.SIGINT)
             output, _ = await asyncio.wait_for(process.communicate(), 10)
         assert b"MKS 4, ZLAC 5, TL-R 6 at 115200 bit/s" in output
-        assert b"home() finds a switch: MKS 2 turns down, TL-R 2 turns up." in output
+        assert b"a switch 2 turns below the start of each MKS, 2 turns above the start of each TL-R." in output
         assert b"0 of them before t3.5" in output
         assert process.returncode == 130
 

@@ -63,7 +63,7 @@ async def test_a_released_stick_stops_the_motor_within_its_ramp_and_a_third_of_a
 @FAMILIES
 @virtual
 async def test_a_set_point_that_is_too_old_stops_the_motor_without_an_error_and_the_next_one_goes_on(
-    make: Make,
+    make: Make, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with rig(make) as on:
         events: list[EventKind] = []
@@ -79,6 +79,7 @@ async def test_a_set_point_that_is_too_old_stops_the_motor_without_an_error_and_
             await on.rests(within=0.05 + 0.3 + 0.3)
             await asyncio.sleep(5.0)
             assert events == [EventKind.STALE]
+            assert "no set-point came" not in caplog.text  # a key was let go: that is nothing to be warned of
             setpoint(-100)
             await asyncio.sleep(0.2)
             assert on.rpm == pytest.approx(-100, abs=3)

@@ -156,3 +156,5 @@ def test_the_command_lists_the_pages_and_shows_one(capsys: pytest.CaptureFixture
     assert capsys.readouterr().out == PAGES["first-motion.md"] + "\n"
     with pytest.raises(typer.BadParameter, match="did you mean watchdogs"):
         show_page("watchdgs")
+    with pytest.raises(typer.BadParameter, match=r"^there is no page 'nope'; rs485bus guide lists them\.$"):
+        show_page("nope")

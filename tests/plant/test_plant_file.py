@@ -98,3 +98,11 @@ def test_each_mistake_is_told_with_its_line_its_field_and_what_to_do(
     else:
         with pytest.raises(PlantFileError, match=said):
             PlantFile.loads(text)
+
+
+def test_a_bus_that_is_not_there_is_told_beside_what_else_is_wrong_with_an_axis() -> None:
+    text = CELL.replace('bus = "main"', 'bus = "mian"', 1).replace("units_per_turn = 8.0", 'units_per_turn = "8"', 1)
+    text = text.replace('family = "mks"', 'family = "msk"', 1)
+    assert {"axes.x.bus", "axes.x.family"} <= {field for _, field, _ in problems(text)}
+    text = text.replace('"msk"', '"mks"')
+    assert {"axes.x.bus", "axes.x.units_per_turn"} <= {field for _, field, _ in problems(text)}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import warnings
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Literal
 
-from rs485bus.arguments import positive, real
+from rs485bus.arguments import elsewhere, positive, real
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.failure import failure
 from rs485bus.bus.handle import Handle, outlast, settle
 from rs485bus.bus.protocol import BusProtocol
@@ -110,12 +112,15 @@ class _Entry:
         ]
 
 
-class WatchdogGuard:
+class WatchdogGuard(AsyncBlock):
     """An async context manager over the watchdogs of some devices. Made by `axis.watchdog` and `bus.watchdog`.
 
     It may be entered again after it was left: each time it has its own lease and its own report, and restores what the
     watchdogs were set to when it was entered.
     """
+
+    _unused = False
+    """It was made and not entered: whoever made it takes the drives for guarded."""
 
     def __init__(
         self,
@@ -127,7 +132,9 @@ class WatchdogGuard:
     ) -> None:
         for axis in axes:
             if not hasattr(axis, "attached"):
-                raise TypeError(f"watchdog() guards axes, not {axis!r}: bus.watchdog(x, y, timeout=1.0)")
+                raise TypeError(
+                    f"watchdog() guards axes, not {axis!r}: bus.watchdog(x, y, timeout=1.0){elsewhere(axis)}"
+                )
         self._bus = bus
         self._devices = list({axis.attached.address: axis.attached for axis in axes}.values())
         if not self._devices:
@@ -145,9 +152,23 @@ class WatchdogGuard:
         self._lease = None if lease is None else positive("lease", lease)
         self._entry: _Entry | None = None
         self._reports: list[WatchReport] = []
+        self._unused = True
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{device.family} {device.address}" for device in self._devices)
+        return f"<watchdog block of {names}, {'not entered: it guards nothing' if self._entry is None else 'entered'}>"
+
+    def __del__(self) -> None:
+        if self._unused:
+            warnings.warn(
+                f"{self!r}. Enter it by `async with`; of rs485bus.blocking, by `with`",
+                RuntimeWarning,
+                stacklevel=2,
+            )
 
     async def __aenter__(self) -> WatchdogGuard:
         bus, owner = self._bus, self._bus.owner
+        self._unused = False
         bus.check_thread()
         self._check_free()
         check_feasible(owner, self._devices, self.timeout)

@@ -10,7 +10,7 @@ from rs485bus.cli.options import Json
 
 PlantFiles = Annotated[
     Optional[list[str]],  # noqa: UP045 - typer reads it
-    typer.Argument(metavar="PLANT.TOML...", help="The plant files."),
+    typer.Argument(metavar="PLANT.TOML...", help="The plant files. Without, plant.toml in this folder."),
 ]
 
 
@@ -26,7 +26,5 @@ def check(
 
     if schema:
         print_schema()
-    elif not files:
-        raise typer.BadParameter("name a plant file: rs485bus check plant.toml")
     else:
-        raise typer.Exit(check_files(files, json))
+        raise typer.Exit(check_files(files or ["plant.toml"], json))

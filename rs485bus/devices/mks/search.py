@@ -84,7 +84,7 @@ def _seek(drive: MksDrive, how: GoHome, timeout: float, half: int | None) -> Pla
         axis.distrust("its homing did not end.")
         raise HomingFailed(
             f"{drive.name} has not found its origin within {timeout:g} s and was stopped. Check the switch, the "
-            "direction and the speed."
+            "direction and the speed, or give it longer: home(timeout=...)."
         ) from late
     except MoveFailed as error:
         axis.distrust("its homing was broken off.")

@@ -102,7 +102,7 @@ def find_origin(drive: TlrDrive, homing: Homing | None, offset: int, timeout: fl
     except MoveTimeout as late:
         raise HomingFailed(
             f"{drive.name} has not found its origin within {timeout:g} s and was stopped. Check the switch, the "
-            "direction and the speed."
+            "direction and the speed, or give it longer: home(timeout=...)."
         ) from late
     except DriveFault:
         raise

@@ -9,7 +9,8 @@ from typing import Literal
 
 import anyio
 
-from rs485bus.arguments import finite, positive, real
+from rs485bus.arguments import finite, instance, positive, real
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.zlac.odometry import Odometry, OdometrySample, Pose
 from rs485bus.devices.zlac.streams import PairSetpoint, PairStream
@@ -72,7 +73,7 @@ class VehicleSetpoint:
         return self._setpoint.delay
 
 
-class VehicleStream:
+class VehicleStream(AsyncBlock):
     """A stream of set-points of a vehicle. Made by `DifferentialDrive.stream`."""
 
     def __init__(self, vehicle: DifferentialDrive, stream: PairStream, v: float | None, omega: float | None) -> None:
@@ -114,7 +115,7 @@ class DifferentialDrive:
         acceleration: float | None = None,
         variance: float = 1e-4,
     ) -> None:
-        self.zlac = zlac
+        self.zlac = instance("zlac", zlac, Zlac8015d, "Zlac8015d(bus, 1), the drive of both wheels")
         self.wheel_radius = positive("wheel_radius", wheel_radius)
         self.track = positive("track", track)
         self._variance = real("variance", variance)
@@ -130,6 +131,9 @@ class DifferentialDrive:
         self._lost = ""
         self._wheels = zlac._counters
         self._wheels.listen(self._look)
+
+    def __repr__(self) -> str:
+        return f"<vehicle on {self.zlac.name}>"
 
     @property
     def pose(self) -> Pose:
@@ -204,6 +208,10 @@ class DifferentialDrive:
 
         stream = self.zlac._stream_as(positive("timeout (s)", timeout), wheels, needs)
         return VehicleStream(self, stream, limits[0], limits[1])
+
+    def enable(self) -> Both[None]:
+        """Enable both wheels. As `Zlac8015d.enable`."""
+        return self.zlac.enable()
 
     def stop(self) -> Handle[None]:
         """Stop with the ramp, and see both wheels stand."""

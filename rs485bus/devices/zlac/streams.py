@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Literal
 
 from rs485bus.arguments import finite
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.devices.zlac.drive import ZlacDrive
 from rs485bus.devices.zlac.wheel import ZlacWheel
 from rs485bus.errors import BusError, MotionError, MoveCancelled
@@ -84,7 +85,7 @@ class PairSetpoint:
         return 0.0 if self.streamer is None else self.streamer.told.delay
 
 
-class PairStream:
+class PairStream(AsyncBlock):
     """A stream of set-points of both wheels. Made by `Zlac8015d.stream`.
 
     Args:

@@ -7,7 +7,7 @@ import copy
 from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
-from rs485bus.arguments import positive
+from rs485bus.arguments import elsewhere, positive
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, NotSupported
 from rs485bus.motion.group.execution import GroupExecution, Wish
@@ -187,7 +187,8 @@ class AxisGroup:
         for name, axis in axes.items():
             if not isinstance(axis, GroupAxis):
                 raise TypeError(
-                    f"{name} is {axis!r}, and no axis. Of what has several, name one by one: left=base.left, ..."
+                    f"{name} is {axis!r}, and no axis"
+                    f"{elsewhere(axis) or '. Of what has several, name one by one: left=base.left, ...'}"
                 )
             if name in _RESERVED:
                 raise ValueError(f"{name} says how fast a group moves; give {axis.name} another name")

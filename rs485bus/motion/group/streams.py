@@ -9,6 +9,7 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Protocol, runtime_checkable
 
+from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, MoveCancelled
 from rs485bus.motion.setpoints import Setpoint, SetpointStream
@@ -98,7 +99,7 @@ class _Turn:
         self._all.set()
 
 
-class GroupStream:
+class GroupStream(AsyncBlock):
     """A stream for several axes: `async with group.stream() as setpoint: setpoint(x=90.0, y=-30.0)`.
 
     Args:

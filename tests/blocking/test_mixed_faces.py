@@ -54,7 +54,7 @@ def test_a_vehicle_is_of_a_drive_and_not_of_one_of_its_wheels() -> None:
         vehicle.stop().wait()
 
 
-def test_a_watchdog_block_that_is_never_entered_is_warned_of() -> None:
+def test_a_watchdog_block_that_is_never_entered_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
     with blocking.open_bus(line()) as bus:
         guard = bus.watchdog(bus.mks(1), timeout=1.0)
         assert repr(guard) == "<watchdog block of MKS 1, not entered: it guards nothing>"
@@ -62,8 +62,9 @@ def test_a_watchdog_block_that_is_never_entered_is_warned_of() -> None:
             assert repr(guard) == "<watchdog block of MKS 1, entered>"
         del guard
         gc.collect()
-        with pytest.warns(RuntimeWarning, match="of MKS 1, not entered: it guards nothing>. Enter it by"):
-            bus.watchdog(bus.mks(1), timeout=1.0)
+        assert "not entered" not in caplog.text
+        bus.watchdog(bus.mks(1), timeout=1.0)
+        assert "<watchdog block of MKS 1, not entered: it guards nothing>. Enter it by `async with`" in caplog.text
 
 
 def test_an_axis_of_a_plant_that_is_not_open_is_told_for_both_faces() -> None:

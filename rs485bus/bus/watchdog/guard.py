@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import warnings
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Literal
@@ -160,11 +159,7 @@ class WatchdogGuard(AsyncBlock):
 
     def __del__(self) -> None:
         if self._unused:
-            warnings.warn(
-                f"{self!r}. Enter it by `async with`; of rs485bus.blocking, by `with`",
-                RuntimeWarning,
-                stacklevel=2,
-            )
+            _log.warning("%r. Enter it by `async with`; of rs485bus.blocking, by `with`", self)
 
     async def __aenter__(self) -> WatchdogGuard:
         bus, owner = self._bus, self._bus.owner

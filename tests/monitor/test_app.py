@@ -10,7 +10,7 @@ import pytest
 from textual.widgets import DataTable, Static
 
 from rs485bus.bus.capture_lines import Exchange
-from rs485bus.monitor.app import MonitorApp
+from rs485bus.monitor.app import MonitorApp, _bus_line
 from rs485bus.monitor.snapshot import AxisSight, BusSight, Snapshot
 from rs485bus.wire.crc import crc
 
@@ -92,6 +92,15 @@ def test_it_shows_axes_bus_and_transactions_and_its_keys_stop_and_pause(size: tu
             await pilot.press("p", "q")
 
     asyncio.run(main())
+
+
+def test_the_name_of_a_port_that_is_cut_says_so() -> None:
+    assert _bus_line("cell", PAIR._replace(port="/dev/serial/by-id/usb-FTDI-if00-port0"), 80).plain.startswith(
+        "cell …FTDI-if00-port0 115200"
+    )
+    assert _bus_line("cell", PAIR._replace(port="/dev/ttyUSB00000"), 80).plain.startswith(
+        "cell /dev/ttyUSB00000 115200"
+    )
 
 
 def test_it_ends_when_the_buses_do() -> None:

@@ -246,9 +246,10 @@ class PlanCarrier:
         if step.surely or (step.whole and self._drive.motion.may_move):
             await self._stops.stand_still(motion=self._drive.motion if step.whole else None)
         for carrier, each in self._all(task):
-            if each is not None:
-                each.before = 0.0
             await carrier.have_it_stand()
+            if each is not None:
+                # It begins here: what it went before is no sign that the start was taken.
+                each.before, each.start = 0.0, carrier._state.value(Fact.POSITION)
 
     def _all(self, task: Task | None) -> Sequence[tuple[PlanCarrier, Task | None]]:
         """Those whom a plan sets in motion."""
@@ -279,8 +280,15 @@ class PlanCarrier:
     # Starts
 
     async def _start(self, step: Start, task: Task) -> bytes:
-        """Send the start, and know whether the drive took it."""
+        """Send the start, and know whether the drive took it.
+
+        Raises:
+            ReferenceLost: what was asked before the start shows that the drive has restarted. Nothing was started.
+        """
         everybody = ((self, task), *task.partners)
+        for carrier, each in everybody:
+            if each.target is not None:
+                carrier._knowledge.check_reference()
         began = self._bus.now()
         for carrier, each in everybody:
             carrier._state.ramp_stop, carrier._state.ramp_takes = step.stop, step.stopping

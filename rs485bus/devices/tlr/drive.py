@@ -25,6 +25,7 @@ from rs485bus.motion.plan import Ask, Know, Plan, Stand, Start
 from rs485bus.motion.standstill import NEVER, StandstillRule
 from rs485bus.motion.state import AxisState, Fact, Facts
 from rs485bus.wire.frames import Request, payload, read_holding
+from rs485bus.wire.registers import Repeat
 
 FAMILY = "TL-R"
 _START = ControlWord.POSITION | ControlWord.ABSOLUTE
@@ -235,6 +236,7 @@ class TlrDrive(Drive):
         if self.keeps_target:
             yield Know((Fact.MARK,), afresh=True)
             if not self._witness.speaks:
+                self.knows_counts = False  # it may have restarted since that was asked: nothing would have told
                 yield from self.put_nothing(unlike=self.axis.value(Fact.MARK)[1])
         try:
             yield from self.writer.auxiliary(Auxiliary.ENABLE)
@@ -341,7 +343,8 @@ class TlrDrive(Drive):
             yield from self._put_positioning(0, (unlike + 1) % r.MAX_RAMP_MS, 0, 0, 0)
 
     def _put_positioning(self, *values: int) -> Plan[None]:
-        yield from self.writer.put(r.POSITIONING, *values)
+        # What is there before it is written once more tells whether the drive has restarted since.
+        yield from self.writer.put(r.POSITIONING, *values, repeat=Repeat.VERIFY if self.keeps_target else Repeat.SAFE)
         if self.keeps_target:
             self._witness.read(words(r.POSITIONING.encode(*values)))
 

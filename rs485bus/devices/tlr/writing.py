@@ -10,12 +10,13 @@ from typing import Any
 
 from rs485bus.devices.tlr.frames import auxiliary, control, read, words, write
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord
-from rs485bus.errors import DeviceRefused, NoReply
+from rs485bus.errors import DeviceRefused, NoReply, OutcomeUnknown
 from rs485bus.motion.plan import Ask, Plan
 from rs485bus.wire.frames import payload
 from rs485bus.wire.registers import Block, Register, Repeat
 
 _log = logging.getLogger("rs485bus")
+_ATTEMPTS = 3
 _TRUNCATED_FROM = 5
 """Registers in one write of which some firmware keeps only the first ones."""
 
@@ -48,8 +49,9 @@ class TlrWriter:
             yield Ask(auxiliary(self.address, Auxiliary.NONE))
         yield Ask(auxiliary(self.address, command), repeat=repeat)
 
-    def put(self, what: Register[Any] | Block, *values: Any) -> Plan[None]:
-        """Write a register, or the values of a block, and read them back.
+    def put(self, what: Register[Any] | Block, *values: Any, repeat: Repeat = Repeat.SAFE) -> Plan[None]:
+        """Write a register, or the values of a block, and read them back; by `Repeat.VERIFY`, before a write that was
+        not answered is repeated, too.
 
         Raises:
             LimitExceeded: a value is out of its range; nothing was sent.
@@ -59,13 +61,18 @@ class TlrWriter:
         wanted = words(what.encode(*values))
         there: tuple[int, ...] | None = None
         if self.block_writes or len(wanted) == 1:
-            try:
-                yield Ask(write(self.address, what.address, wanted))
-            except NoReply:
-                if len(wanted) < _TRUNCATED_FROM:
-                    raise
-                # Firmware that keeps less may say so in its answer, which then is none to this request.
-            there = words(payload((yield Ask(read(self.address, what)))))
+            for _ in range(_ATTEMPTS):
+                answered = False
+                try:
+                    yield Ask(write(self.address, what.address, wanted), repeat=repeat)
+                    answered = True
+                except (NoReply, OutcomeUnknown):
+                    if len(wanted) < _TRUNCATED_FROM:
+                        raise
+                    # Firmware that keeps less may say so in its answer, which then is none to this request.
+                there = words(payload((yield Ask(read(self.address, what)))))
+                if answered or there == wanted or repeat is Repeat.SAFE:
+                    break
             if there != wanted and len(wanted) >= _TRUNCATED_FROM:
                 self.block_writes = False
                 _log.info("%s keeps only a part of a block; it is written singly", self.name)

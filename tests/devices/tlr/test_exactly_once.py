@@ -8,6 +8,7 @@ from rs485bus import BusConfig, MoveState
 from rs485bus.devices.tlr import Homing, HomingMode
 from rs485bus.devices.tlr import registers as r
 from rs485bus.errors import (
+    DeviceRefused,
     MotionError,
     MoveCancelled,
     MoveFailed,
@@ -162,6 +163,59 @@ async def test_a_restart_is_noticed_before_the_first_move_and_after_saving_too()
         await asyncio.sleep(2.0)
         with pytest.raises(ReferenceLost):
             await x.move_to(0.0)
+
+
+@pytest.mark.parametrize("block", [True, False])
+@virtual
+async def test_a_restart_while_the_target_is_written_starts_nothing(block: bool) -> None:
+    """What it holds then is what nobody wrote, and is read before anything is written again."""
+    sim = SimTlr()
+    async with stepper_on(sim, block_writes=block) as x:
+        x.enable()
+        await x.move_to(0.5)
+        await x.set_zero()
+        at, function = (r.POSITIONING.address, 16) if block else (r.TARGET.address + 1, 6)
+
+        def restart(now: float) -> None:
+            sim.power_cycle(now)
+            sim._ready_at = 0.0
+
+        lose(sim, at, heard=False, function=function, after=restart)
+        moves = sim.moves
+        with pytest.raises(ReferenceLost if block else (ReferenceLost, DeviceRefused)):
+            await x.move_to(0.3)
+        assert sim.moves == moves
+        with pytest.raises(ReferenceLost):
+            await x.move_to(0.3)
+
+
+@virtual
+async def test_a_subdivision_that_a_restart_took_back_before_it_was_enabled_is_read_again() -> None:
+    sim = SimTlr()
+    async with stepper_on(sim) as x:
+        await x.set_subdivision(8000)
+        await x.position()
+        sim.power_cycle(now())
+        await asyncio.sleep(2.0)
+        x.enable()
+        x.set_zero()
+        begun_at = sim.shaft(now())
+        assert await x.move_to(0.4) == 0.4
+        assert sim.shaft(now()) == pytest.approx(begun_at + 0.4)
+
+
+@virtual
+async def test_a_jog_whose_start_was_lost_after_another_one_was_stopped_is_told_again() -> None:
+    """The way that it went until it stood is no sign that the start was taken."""
+    sim = SimTlr()
+    async with stepper_on(sim) as x:
+        x.enable()
+        await x.run(120)
+        await asyncio.sleep(0.2)
+        lose(sim, CONTROL, heard=False, value=8)
+        await x.run(180)
+        assert await x.velocity() == 180
+        await x.stop()
 
 
 @virtual

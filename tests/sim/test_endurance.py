@@ -14,12 +14,20 @@ def test_31_drives_of_two_families_never_trip_and_are_fed_by_what_they_are_asked
     assert verdict.retries > 20 if loss else verdict.retries == 0
 
 
+def test_devices_that_answer_seconds_late_now_and_then_trip_nobody_and_are_never_misunderstood() -> None:
+    verdict = Endurance(10.0, loss=0.05, sluggish=2).run()
+    assert verdict.faults == []
+    assert verdict.questions > 300
+    assert verdict.moves > 40
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
         ({"trips": 1}, "1 drives tripped"),
         ({"misplaced": ["MKS 1 at 1.0000, sent to 2.0000"]}, "MKS 1 at 1.0000"),
         ({"saved": 80, "feeds": 20}, "only 80.0%"),
+        ({"wrong": ["unit 32 was asked for 1"]}, "1 wrong answers: ['unit 32"),
         ({"idle": 0.01}, "idle for 10.0 ms"),
         ({"memory": [20_000, 30_000]}, "grew by 10000 kB"),
         ({"moves": 0}, "nothing moved"),

@@ -10,13 +10,14 @@ from typing import Any
 
 from rs485bus.devices.tlr.frames import auxiliary, control, read, words, write
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord
-from rs485bus.errors import DeviceRefused, NoReply, OutcomeUnknown
+from rs485bus.errors import DeviceRefused, NoReply, OutcomeUnknown, RequestFailed
 from rs485bus.motion.plan import Ask, Plan
 from rs485bus.wire.frames import payload
 from rs485bus.wire.registers import Block, Register, Repeat
 
 _log = logging.getLogger("rs485bus")
 _ATTEMPTS = 3
+"""How often a block is written that is not answered."""
 _TRUNCATED_FROM = 5
 """Registers in one write of which some firmware keeps only the first ones."""
 
@@ -61,17 +62,22 @@ class TlrWriter:
         wanted = words(what.encode(*values))
         there: tuple[int, ...] | None = None
         if self.block_writes or len(wanted) == 1:
-            for _ in range(_ATTEMPTS):
-                answered = False
+            unknown: RequestFailed | None = None
+            for _ in range(_ATTEMPTS if repeat is Repeat.VERIFY else 1):
+                before, unknown = unknown, None
                 try:
                     yield Ask(write(self.address, what.address, wanted), repeat=repeat)
-                    answered = True
-                except (NoReply, OutcomeUnknown):
+                except (NoReply, OutcomeUnknown) as error:
                     if len(wanted) < _TRUNCATED_FROM:
                         raise
                     # Firmware that keeps less may say so in its answer, which then is none to this request.
+                    unknown = error
+                except DeviceRefused:
+                    if before is not None:
+                        raise before from None  # what was refused may have been done already
+                    raise
                 there = words(payload((yield Ask(read(self.address, what)))))
-                if answered or there == wanted or repeat is Repeat.SAFE:
+                if unknown is None or there == wanted:
                     break
             if there != wanted and len(wanted) >= _TRUNCATED_FROM:
                 self.block_writes = False

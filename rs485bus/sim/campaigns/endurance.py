@@ -1,6 +1,6 @@
 """A plant that is never idle: drives of two families, guarded, asked without a pause, and moved; for an hour, say.
 
-    python -m rs485bus.sim.endurance --hours 1 --loss 0.05
+    python -m rs485bus.sim.endurance --hours 1 --loss 0.05 --sluggish 2
 
 It runs through the facades on a virtual clock, and the drives' own watchdogs are the witnesses. Wrong is: a drive that
 tripped, a move that ended elsewhere than where it was sent, a move that failed, memory that grows, watchdogs that cost
@@ -16,8 +16,8 @@ import random
 import sys
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
@@ -27,6 +27,7 @@ from rs485bus.bus.watchdog.guard import WatchdogGuard
 from rs485bus.devices.mks import MksServo
 from rs485bus.devices.zlac import Zlac8015d
 from rs485bus.errors import BusError, NoReply, OutcomeUnknown
+from rs485bus.sim.campaigns.sluggish import LONGEST, Question, Sluggish
 from rs485bus.sim.clock import VirtualClockLoop
 from rs485bus.sim.mks import SimMks
 from rs485bus.sim.noise import Noise
@@ -56,6 +57,8 @@ class Verdict:
 
     devices: int
     loss: float
+    sluggish: int = 0
+    """How many devices answer late now and then: that looks like a loss, and may spoil what others answer."""
     seconds: float = 0.0
     """Virtual time."""
     wall: float = 0.0
@@ -73,6 +76,8 @@ class Verdict:
     misplaced: list[str] = field(default_factory=list)
     """Moves that ended elsewhere than where they were sent."""
     questions: int = 0
+    wrong: list[str] = field(default_factory=list)
+    """Answers to questions that were others' answers."""
     errors: Counter[str] = field(default_factory=Counter)
     """What moves and questions raised, and how often."""
     requests: int = 0
@@ -95,14 +100,17 @@ class Verdict:
     @property
     def faults(self) -> list[str]:
         """What is wrong; empty if nothing is."""
-        unexpected = [what for what in self.errors if not (self.loss and what.split(":")[0].endswith(_LOSSES))]
+        lossy = self.loss or self.sluggish
+        unexpected = [what for what in self.errors if not (lossy and what.split(":")[0].endswith(_LOSSES))]
         growth = self.memory[-1] - self.memory[0] if self.memory else 0
         found = {
             f"{self.trips} drives tripped": self.trips,
             f"{len(self.misplaced)} moves ended elsewhere: {self.misplaced[:5]}": self.misplaced,
+            f"{len(self.wrong)} wrong answers: {self.wrong[:5]}": self.wrong,
             f"unexpected: {unexpected}": unexpected,
-            f"only {self.saved_share:.1%} of the feeds were saved": self.saved_share <= MIN_SAVED,
-            f"the wire was idle for {1000 * self.idle:.1f} ms": self.idle > self.silence + 0.0001,
+            # Late replies take the wire from those who ask, and keep it quiet until they are over.
+            f"only {self.saved_share:.1%} of the feeds were saved": not self.sluggish and self.saved_share <= MIN_SAVED,
+            f"the wire was idle for {1000 * self.idle:.1f} ms": not self.sluggish and self.idle > self.silence + 0.0001,
             f"{self.early_frames} frames before t3.5": self.early_frames,
             f"memory grew by {growth} kB": growth > MAX_GROWTH,
             "nothing moved": not self.moves,
@@ -115,12 +123,13 @@ class Verdict:
         return "\n".join(
             (
                 f"{self.devices} devices, {self.seconds:.0f} s of virtual time, {100 * self.loss:g} % of replies lost, "
-                f"{self.wall:.0f} s of real time",
+                f"{self.wall:.0f} s of real time"
+                + (f", {self.sluggish} more of them sluggish" if self.sluggish else ""),
                 f"trips             {self.trips}",
                 f"feeds saved       {self.saved_share:.2%} (least {self.worst_saved:.2%}), {self.feeds} sent",
                 f"longest unheard   {self.longest_unheard:.3f} of {TIMEOUT:g} s, least margin {self.margin:.0%}",
                 f"moves             {self.moves}, {len(self.misplaced)} ended elsewhere than they should",
-                f"questions         {self.questions}",
+                f"questions         {self.questions}, {len(self.wrong)} answered wrongly",
                 f"errors            {errors}",
                 f"requests          {self.requests}, {self.retries} retries, {self.early_frames} frames before t3.5",
                 f"bus load          {self.load:.1%} airtime, idle for at most {1000 * self.idle:.2f} ms "
@@ -135,7 +144,7 @@ class Servo:
 
     def __init__(self, bus: Bus, sim: SimMks) -> None:
         self.axis = MksServo(bus, sim.address, rpm=_MKS_RPM, acceleration=2000)
-        self.questions: tuple[Callable[[], Awaitable[object]], ...] = (self.axis.position, self.axis.motor_status)
+        self.questions: Sequence[Question] = (self.axis.position, self.axis.motor_status)
         self._sim = sim
         self._zero = 0.0
 
@@ -170,7 +179,7 @@ class Base:
 
     def __init__(self, bus: Bus, sim: SimZlac) -> None:
         self.axis = Zlac8015d(bus, sim.address, rpm=_ZLAC_RPM, acceleration=1000)
-        self.questions: tuple[Callable[[], Awaitable[object]], ...] = (self.axis.left.position, self.axis.status)
+        self.questions: Sequence[Question] = (self.axis.left.position, self.axis.status)
         self._sim = sim
 
     async def move(self, rng: random.Random) -> list[tuple[float, float]]:
@@ -200,6 +209,7 @@ class Endurance:
         seconds: virtual time.
         devices: how many drives; every other one is an MKS.
         loss: the share of replies that are lost, 0..1.
+        sluggish: how many other devices are asked, whose replies take 1 ms mostly and 2 s now and then.
         seed: makes it reproducible.
         baudrate: bit/s.
         progress: told after each minute how many seconds have passed.
@@ -211,6 +221,7 @@ class Endurance:
         *,
         devices: int = 31,
         loss: float = 0.0,
+        sluggish: int = 0,
         seed: int = 1,
         baudrate: int = 115200,
         progress: Callable[[float], None] = lambda _: None,
@@ -220,10 +231,12 @@ class Endurance:
         self._progress = progress
         self._servos = [SimMks(address) for address in range(1, devices + 1, 2)]
         self._bases = [SimZlac(address) for address in range(2, devices + 1, 2)]
-        self._line = VirtualLine(
-            *self._servos, *self._bases, baudrate=baudrate, noise=Noise(lost_reply=loss), seed=seed
-        )
-        self._verdict = Verdict(devices, loss, silence=self._line.line.t35)
+        self._sluggish = Sluggish(range(devices + 1, devices + 1 + sluggish), seed)
+        sims = (*self._servos, *self._bases, *self._sluggish.devices)
+        self._line = VirtualLine(*sims, baudrate=baudrate, noise=Noise(lost_reply=loss), seed=seed)
+        if sluggish:
+            self._line.pair.script = self._sluggish.script
+        self._verdict = Verdict(devices, loss, sluggish, silence=self._line.line.t35)
         self._ends_at = 0.0
         self._over = False
         self._ended_at: float | None = None
@@ -240,7 +253,10 @@ class Endurance:
         return verdict
 
     async def _run(self) -> None:
-        async with open_bus(self._line, config=BusConfig(reply_timeout=_REPLY_TIMEOUT)) as bus:
+        config = BusConfig(reply_timeout=_REPLY_TIMEOUT)
+        if self._sluggish.devices:
+            config = replace(config, late_reply_window=LONGEST)  # by default a reply is late by 0.5 s at most
+        async with open_bus(self._line, config=config) as bus:
             drives: list[Servo | Base] = [Servo(bus, sim) for sim in self._servos]
             drives += [Base(bus, sim) for sim in self._bases]
             axes = [drive.axis for drive in drives]
@@ -256,7 +272,8 @@ class Endurance:
         stats = bus.stats
         transactions, airtime, begun = stats.transactions, stats.airtime, bus.now()
         self._ends_at = begun + self._seconds
-        askers = [asyncio.create_task(self._ask(drive)) for drive in drives]
+        askers = [asyncio.create_task(self._ask(drive.questions)) for drive in drives]
+        askers += [asyncio.create_task(self._ask([question])) for question in self._sluggish.questions(bus)]
         keeper = asyncio.create_task(self._keep_the_time(bus))
         await asyncio.sleep(0.1)
         unsubscribe = bus.subscribe(self._note)
@@ -266,6 +283,7 @@ class Endurance:
         await asyncio.gather(*askers)
         keeper.cancel()
         stats = bus.stats
+        verdict.wrong = self._sluggish.wrong
         verdict.seconds = bus.now() - begun
         verdict.load = (stats.airtime - airtime) / verdict.seconds
         verdict.retries = sum(unit.retries for unit in stats.units.values())
@@ -284,9 +302,9 @@ class Endurance:
             self._verdict.idle = max(self._verdict.idle, record.sent_at - self._ended_at)
         self._ended_at = record.ended_at
 
-    async def _ask(self, drive: Servo | Base) -> None:
+    async def _ask(self, questions: Sequence[Question]) -> None:
         while not self._over:
-            for question in drive.questions:
+            for question in questions:
                 try:
                     await question()
                 except BusError as error:
@@ -346,6 +364,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=float, default=1.0, help="virtual time")
     parser.add_argument("--loss", type=float, default=0.0, help="the share of replies that are lost: 0.05")
+    parser.add_argument("--sluggish", type=int, default=0, help="so many more devices that answer late now and then")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--devices", type=int, default=31)
     parser.add_argument("--baudrate", type=int, default=115200)
@@ -362,6 +381,7 @@ def main() -> int:
         options.hours * 3600,
         devices=options.devices,
         loss=options.loss,
+        sluggish=options.sluggish,
         seed=options.seed,
         baudrate=options.baudrate,
         progress=progress,

@@ -57,10 +57,10 @@ class Reference:
             await self.take(at_zero=True)
         except BaseException as error:
             refused = isinstance(error, DeviceRefused) and not is_read(error.request)
-            if state.changed_at(Fact.POSITION) < began or refused:
+            if state.changed_at(Fact.POSITION) < began or (refused and self._drive.zeroed_by_one_frame):
                 raise  # nothing was done
             state.distrust("nobody knows whether its zero was set.")
-            if not isinstance(error, NoReply | OutcomeUnknown) or not await self._was_set(before):
+            if not (refused or isinstance(error, NoReply | OutcomeUnknown)) or not await self._was_set(before):
                 raise
 
     async def take(self, *, at_zero: bool) -> int:
@@ -83,5 +83,7 @@ class Reference:
         if abs(self._state.value(Fact.POSITION)) > self._state.jump // 5:
             self._state.lost = before
             return False
+        if not self._drive.zeroed_by_one_frame:
+            await self._carrier.carry(lambda: self._drive.zero(self._axis))  # zero it is already: nothing else changes
         await self.take(at_zero=True)
         return True

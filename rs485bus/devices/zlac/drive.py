@@ -79,6 +79,7 @@ class ZlacDrive(Drive):
     start_grace = 0.1
     tells_restarts = True
     turns_through_zero = True
+    zeroed_by_one_frame = False
     causes = (Fact.FAULT, Fact.ENABLED)
     fault_remedy = "Then clear_faults() and enable(); both wheels stop for an error of one."
 

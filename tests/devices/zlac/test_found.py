@@ -10,7 +10,7 @@ import pytest
 
 from rs485bus import BusConfig, DifferentialDrive, Zlac8015d, open_bus
 from rs485bus.devices.zlac import registers as r
-from rs485bus.devices.zlac.values import Fault, Side
+from rs485bus.devices.zlac.values import Fault, Side, ZeroReset
 from rs485bus.errors import (
     BusError,
     DriveFault,
@@ -22,6 +22,8 @@ from rs485bus.errors import (
     ReferenceLost,
 )
 from rs485bus.sim import Noise, VirtualLine
+from rs485bus.sim.treatment import PLAIN, Treatment
+from rs485bus.wire.registers import Register
 from tests.devices.zlac.plant import Plant, WatchedZlac, on_virtual_clock, plant
 
 RADIUS, TRACK = 0.085, 0.4
@@ -289,3 +291,36 @@ async def test_the_end_of_a_timed_run_goes_before_looks_that_only_wait_for_it() 
             with pytest.raises(MoveFailed, match="should have gone"):
                 await run
         assert asyncio.get_running_loop().time() < ended
+
+
+@pytest.mark.parametrize("done", [True, False], ids=["done", "not done"])
+@pytest.mark.parametrize("code", [4, 5, 6, 11, None])
+@pytest.mark.parametrize("register", [r.CLEAR_POSITION, r.RESET_ZERO], ids=["the counter", "the origin"])
+@on_virtual_clock
+async def test_a_zero_of_which_a_part_may_be_missing_is_set_whole_or_no_position_is_trusted(
+    register: Register[ZeroReset], code: int | None, done: bool
+) -> None:
+    """Setting it zeroes the counter first, and then where absolute targets count from."""
+    async with plant() as p:
+        await p.base.left.move_to(0.4)
+        begins, spoilt = bytes((p.sim.address, 6, *register.address.to_bytes(2, "big"))), [code]
+
+        def script(frame: bytes, now: float) -> Treatment:
+            if not frame.startswith(begins) or not spoilt:
+                return PLAIN
+            return Treatment(code=spoilt.pop(), carried_out=done, answered=code is not None)
+
+        p.line.pair.script = script
+        with contextlib.suppress(BusError):
+            await p.base.left.set_zero()
+        assert not spoilt
+        stood_at = p.shafts()[0]
+        zero = stood_at - await p.base.left.position()
+        try:
+            await p.base.left.move_to(0.25)
+        except ReferenceLost:
+            assert p.shafts()[0] == stood_at
+            return
+        assert p.shafts()[0] == pytest.approx(zero + 0.25, abs=0.01)
+        await p.base.left.move_by(0.1)
+        assert p.shafts()[0] == pytest.approx(zero + 0.35, abs=0.01)

@@ -151,8 +151,7 @@ class Drive(DeviceAdapter):
     turns_through_zero = False
     """In a stream it may be told a speed the other way while it turns. Else it is slowed down to a stand before."""
     zeroed_by_one_frame = True
-    """Its counter reads zero only where all of its zero is set. Else that takes several frames, of which the last one
-    may be missing."""
+    """One frame sets all of its zero. Else its counter may read zero, and the rest be missing."""
     tells_restarts = False
     """What it says afterwards shows every restart: one that was not heard for a while need not be suspected of it. Of
     another one that counts from zero then, what is found at zero after a silence is not trusted."""

@@ -40,6 +40,8 @@ class Mishap(NamedTuple):
 
     at: float
     what: str
+    lets_go: bool = False
+    """The drive lets go of its shaft, which then rolls on."""
 
 
 @dataclass(slots=True, eq=False)
@@ -127,6 +129,10 @@ class Shaft:
     def deaf_for(self, begin: float, end: float) -> float:
         """Seconds between two times in which its drive could not be told anything."""
         return sum(max(0.0, min(end, until) - max(begin, since)) for since, until in self.deaf)
+
+    def rolls(self, begin: float, end: float) -> bool:
+        """Whether its drive let go of it between two times."""
+        return any(begin <= mishap.at <= end and mishap.lets_go for mishap in self.mishaps)
 
     def heard_mishap(self, begin: float, end: float) -> bool:
         """Whether something happened to its drive between two times."""

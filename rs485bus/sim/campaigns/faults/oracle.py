@@ -23,6 +23,8 @@ from rs485bus.sim.campaigns.faults.reckoning import (
 
 GRACE = 0.02
 """Seconds in which a frame that was on the wire already is heard, and the motor starts."""
+_ROLLS = 3.0
+"""Seconds for which a shaft rolls on that its drive lets go of."""
 STOP_TAKES = 3.0
 """Seconds within which a motor stands that nobody wants to turn any more: some lost frames, and the ramp."""
 LOOKED_AT = 1.1
@@ -147,7 +149,9 @@ def _refused(evidence: Evidence) -> Iterator[Finding]:
             ):
                 continue
             way = shaft.at(call.ended).position - shaft.at(call.begun).position
-            if abs(way) > 1e-6:
+            # A motion under way ends as not enabled, too, where its drive lets go.
+            let_go = call.failed & {"NotEnabled"} and shaft.rolls(call.begun, call.ended)
+            if abs(way) > 1e-6 and not let_go:
                 yield f"{shaft.name} went {way:+.4f} turns: {call}"
 
 
@@ -183,8 +187,8 @@ def _hull(evidence: Evidence) -> Iterator[Finding]:
             began = leg.begun < leg.call.ended
             if not began or leg.target is None or leg.start is None or leg.call.verb not in ("move_to", "move_by"):
                 continue
-            if any(mishap.what == "fault" and leg.begun <= mishap.at <= leg.until for mishap in shaft.mishaps):
-                continue  # who lets go of a shaft that turns lets it roll on
+            if shaft.rolls(leg.begun, leg.until):
+                continue
             low, high = sorted((leg.start, leg.target))
             for sample in shaft.between(leg.begun, min(leg.until, evidence.ended)):
                 if not low - leg.slack <= sample.position <= high + leg.slack:
@@ -246,7 +250,8 @@ def _limits(evidence: Evidence) -> Iterator[Finding]:
             continue
         low, high = shaft.limits
         for sample in shaft.samples:
-            if not low - shaft.slack <= sample.position <= high + shaft.slack:
+            outside = not low - shaft.slack <= sample.position <= high + shaft.slack
+            if outside and not shaft.rolls(sample.at - _ROLLS, sample.at):
                 yield f"{shaft.name} is at {sample.position:.4f} at {_time(evidence, sample.at)}, outside {low}..{high}"
                 break
 

@@ -11,6 +11,7 @@ from typing import Any
 from rs485bus import Bus, MksServo, TlrStepper, Zlac8015d
 from rs485bus.devices.zlac import Fault, Side
 from rs485bus.devices.zlac.values import Inputs as ZlacInputs
+from rs485bus.devices.zlac.values import ShaftState
 from rs485bus.sim.campaigns.faults.evidence import Mishap, Shaft
 from rs485bus.sim.device import SimDevice
 from rs485bus.sim.mks import SimMks
@@ -46,6 +47,8 @@ class Drive(ABC):
     """One virtual drive under test."""
 
     family: str
+    lets_go_of_a_load = False
+    """It lets go of a shaft that something blocks."""
     restarts_for: float
     """Seconds for which it is deaf when it is switched on."""
 
@@ -128,7 +131,7 @@ class Drive(ABC):
 
     def fault(self, now: float) -> None:
         """It reports an error of its own and lets go."""
-        self._happens("fault", now)
+        self._happens("fault", now, lets_go=True)
         self._fault(now)
 
     def limit(self, now: float) -> None:
@@ -138,17 +141,17 @@ class Drive(ABC):
 
     def stall(self, now: float) -> None:
         """Something blocks its shaft."""
-        self._happens("stall", now)
+        self._happens("stall", now, lets_go=self.lets_go_of_a_load)
         self._stall(now)
 
     def trip(self, now: float) -> None:
         """Its watchdog stops it, which somebody else has left armed, or which was fed too late."""
         if self._trip(now):
-            self._happens("trip", now)
+            self._happens("trip", now, lets_go=self.option.sim.get("trip_state") is ShaftState.RELEASED)
 
-    def _happens(self, what: str, now: float) -> None:
+    def _happens(self, what: str, now: float, *, lets_go: bool = False) -> None:
         for shaft in self.shafts:
-            shaft.mishaps.append(Mishap(now, what))
+            shaft.mishaps.append(Mishap(now, what, lets_go))
 
     @abstractmethod
     def _restart(self, now: float) -> None: ...
@@ -230,6 +233,7 @@ class ZlacUnderTest(Drive):
     """A ZLAC drive with two wheels."""
 
     family = "zlac"
+    lets_go_of_a_load = True
     restarts_for = 1.0
 
     def _make_shafts(self) -> list[Shaft]:

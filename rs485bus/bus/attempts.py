@@ -8,7 +8,7 @@ from rs485bus.bus.clock import Clock
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.line.diagnosis import is_there
 from rs485bus.bus.line.serial_line import SerialLine
-from rs485bus.bus.line.transaction import Kind, Received
+from rs485bus.bus.line.transaction import Kind
 from rs485bus.bus.record import Journal, Record
 from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
@@ -99,13 +99,14 @@ class Attempts:
         """The jobs that may be answered while others are served: no answer can come any more."""
         return self.lingering.end_all() + self.pipeline.end_all()
 
-    def take(self, received: Received) -> None:
-        kind, request, frame = received
-        unit = self._units[request.address]
+    def take(self, kind: Kind, request: Request, frame: bytes) -> None:
+        """A frame was received: what it is, and the request it belongs to."""
+        unit = self._units.by_address[request.address]
         if kind in _LATE:
             self.came_late(kind, unit, request, frame)
         elif kind is not Kind.ECHO and (job := self._pair.job) is not None:
-            unit.late.expire(self._clock.now)
+            if unit.late.owed:
+                unit.late.expire(self._clock.now)
             if kind is Kind.NORMAL:
                 undecided = job.urgency is Urgency.STOP and self._is_anothers(job, unit, frame)
             else:
@@ -147,40 +148,39 @@ class Attempts:
             if meaning is Meaning.UNANSWERED:
                 self.unanswered("no reply", frame)
                 return
-        since = unit.late.answered(job, self._pair.owed_until + unit.late_reply_window, frame)
+        now, pair, request, feeding = self._clock.now, self._pair, job.request, self._feeding
+        since = unit.late.answered(job, pair.owed_until + unit.late_reply_window, frame)
+        is_its_own = since == job.sent_at
         job.answered_since = since
         job.reply = frame
-        self._units.answered(unit, job.request)
+        self._units.answered(unit, request)
         self._missed = 0
-        unit.heard_at = self._clock.now
+        unit.heard_at = now
         if meaning is not None:
-            unit.answers.refused(job.request)
-        elif not job.unanswered and since == job.sent_at and self._clock.now <= self._pair.deadline:
-            air = self._pair.line.airtime(len(job.request.adu) + len(frame))
-            took = self._clock.now - since - air - self._pair.latency
-            unit.reply_times.answered(job, took)
+            unit.answers.refused(request)
+        elif is_its_own and not job.unanswered and now <= pair.deadline:
+            unit.reply_times.answered(job, now - pair.air_end - len(frame) * pair.character - pair.latency)
         if self._gate.silent:
             self._gate.silent.pop(unit, None)
-        self.note(job, frame, "reply" if meaning is None else "refused", self._clock.now)
-        told = since == job.sent_at and self._pair.exchange.judge()
-        if not told and not job.request.writes:
-            self._pair.exchange.question.tried(job.address)
+        self.note(job, frame, "reply" if meaning is None else "refused", now)
+        told = is_its_own and pair.exchange.judge()
+        if not told and not request.writes:
+            pair.exchange.question.tried(job.address)
         if job.code == ACCEPTED:
-            self._units.owes(unit, job, self._pair.owed_until)
-        self._pair.end(self._units.late(self._clock.now), self._clock.now, answered=True)
+            self._units.owes(unit, job, pair.owed_until)
+        pair.end(self._units.late(now) if self._units.owing else (), now, answered=True)
         if meaning is not None:
             self._fed_nothing(job)
-            self._repeating.after_exception(job, meaning, self._clock.now)
+            self._repeating.after_exception(job, meaning, now)
             return
         # Where an answer is never known to be the latest attempt's, it feeds as if it were: that was sent all the same.
-        self._feeding.heard(unit.address, since if unit.late.in_order else job.sent_at, job.sent_at)
-        if job.feeds and since == job.sent_at:
-            air = self._pair.line.airtime(len(job.request.adu) + len(frame))
-            self._feeding.fed(unit.address, self._clock.now - job.sent_at - air)
-        if job.request.writes:
+        feeding.heard(unit.address, since if unit.late.in_order else job.sent_at, job.sent_at)
+        if job.feeds and is_its_own:
+            feeding.fed(unit.address, now - job.sent_at - pair.line.airtime(len(request.adu) + len(frame)))
+        if request.writes:
             self._register_writes.acknowledged(job, unit)
         if unit.attached is not None:
-            unit.attached.on_reply(job.request, frame, since, self._clock.now)
+            unit.attached.on_reply(request, frame, since, now)
         self._end(job, Outcome.REPLY)
 
     def _is_anothers(self, job: Job, unit: UnitState, frame: bytes) -> bool:
@@ -338,9 +338,7 @@ class Attempts:
         )
 
     def note(self, job: Job, reply: bytes, outcome: str, now: float) -> None:
-        record, crc_errors = self._pair.record(job, reply, outcome, now)
-        self._journal.unit(job.address).crc_errors += crc_errors
-        self._journal.add(record)
+        self._journal.add(*self._pair.record(job, reply, outcome, now))
 
 
 def silence_of(job: Job) -> Outcome:

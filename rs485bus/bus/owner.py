@@ -74,9 +74,8 @@ class Owner:
         silence = config.silence_on(line, gateway) * (not numbered)
         echo = False if numbered else None if config.echo == "auto" else config.echo
         self.feeding = Feeding(line.budget(_BROADCAST, config.turnaround, 0) + silence)
-        window = config.late_reply_window_of(gateway)
         in_order = config.in_order and not gateway
-        self.units = UnitStates(in_order, config.reply_timeout, window, native=native)
+        self.units = UnitStates(in_order, config.reply_timeout, config.late_reply_window_of(gateway), native=native)
         self.pair = SerialLine(line, silence, echo, now)
         self.watchdogs = WatchdogMaker(self.pair, self.journal)
         self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
@@ -126,9 +125,8 @@ class Owner:
         """Take a job. How it ends is told through `job.on_end`, which may be at once."""
         job.queued_at = self._clock.now = now
         job.outcome = job.code = job.heard = None
-        reason = self.gate.refusal(job)
-        exempt = job.internal or job.setpoint or job.urgency is Urgency.STOP
-        if self.queue.size >= self.config.max_queued and not exempt:
+        pair, urgency, reason = self.pair, job.urgency, self.gate.refusal(job)
+        if self.queue.size >= self.config.max_queued and not (job.internal or job.setpoint or urgency is Urgency.STOP):
             reason = Reason.QUEUE_FULL
         if reason is Reason.NONE and job.slot is not None:
             reason = self.starts.join(job)
@@ -138,13 +136,14 @@ class Owner:
             self._end(job, Outcome.NOT_SENT, reason)
             return
         # What confirms a stop waits for no set-point, which waits for the end of that stop. Other looks take turns.
-        self.queue.put(job, first=job.goes_on or (job.is_look and self.units[job.address].halt is not None))
+        look = urgency is Urgency.CONFIRM and job.is_look
+        self.queue.put(job, first=job.goes_on or (look and self.units[job.address].halt is not None))
         if job.expires_at is not None:
             job.timer = self.at(job.expires_at, lambda: self._expire(job))
-        if self.pair.job is None:
-            self._wake = min(self._wake, self.pair.quiet_at - self._selector.lead)
-        elif job.urgency is Urgency.STOP:
-            self._wake = min(self._wake, self.pair.wait_until(now))
+        if pair.job is None:
+            self._wake = min(self._wake, pair.quiet_at - self._selector.lead)
+        elif urgency is Urgency.STOP:
+            self._wake = min(self._wake, pair.wait_until(now))
 
     def _submit(self, job: Job) -> None:
         self.submit(job, self._clock.now)
@@ -175,12 +174,13 @@ class Owner:
     def feed(self, data: bytes, now: float) -> None:
         """Bytes were received."""
         self._clock.now = now
-        for received in self.pair.feed(data, now):
-            self._attempts.take(received)
-        if self.pair.job is None:
+        pair = self.pair
+        for received in pair.feed(data, now):
+            self._attempts.take(*received)
+        if pair.job is None:
             self._wake = min(self._wake, self._selector.look_at())
-        elif self.pair.is_brief:
-            self._wake = min(self._wake, self.pair.wait_until())
+        elif pair.is_brief:
+            self._wake = min(self._wake, pair.wait_until())
 
     def feed_late(self, frame: bytes, asked: object, now: float) -> None:
         """A frame was received that answers an older request than the latest: the job `asked`, as its number tells."""
@@ -203,32 +203,35 @@ class Owner:
         A frame may be returned up to `lead` seconds before it may go out, at `send_at`.
         """
         self._clock.now = now
-        self._selector.lead = lead
-        self._timers.run(now)
-        for watch in self.feeding.overdue(now):
-            self.stops.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
-        pair, job, frame, wake = self.pair, None, None, FOREVER
+        pair, gate, selector = self.pair, self.gate, self._selector
+        selector.lead = lead
+        if now >= self._timers.next_at:
+            self._timers.run(now)
+        if now >= self.feeding.over_at:
+            for watch in self.feeding.overdue(now):
+                self.stops.trip(watch, f"it was unheard for {now - watch.heard_at:.3f} s")
+        job, frame, wake = None, None, FOREVER
         if pair.job is not None:
-            wake = self._selector.over_at()
+            wake = selector.over_at()
             if now >= wake:
                 self._attempts.unanswered("no reply" if now >= pair.deadline else "cut")
         start = now
-        if pair.job is None and self.gate.connected and not self.gate.closed:
-            wake = self._selector.look_at()
+        if pair.job is None and gate.connected and not gate.closed:
+            wake = selector.look_at()
             if now >= wake:
                 self._wake = FOREVER  # who is told meanwhile that a job was dropped may submit another
                 if self.feeding.strain.holds:
                     self.stops.give_up_hopeless()
-                job, wake = self._selector.next()
+                job, wake = selector.next()
                 wake = min(wake, self._wake)
                 start = max(now, pair.quiet_at)
             elif pair.heard_at + pair.silence > now and pair.is_noisy:
-                job, wake = self._selector.next_among_noise(wake)
+                job, wake = selector.next_among_noise(wake)
         if job is not None:
             frame = self._send(job, start)
-            wake = pair.quiet_at if pair.job is None else self._selector.over_at()
+            wake = pair.quiet_at if pair.job is None else selector.over_at()
         self._wake = wake
-        if self._after_stops and not (self.gate.connected and self.queue.has(Urgency.STOP)):
+        if self._after_stops and not (gate.connected and self.queue.stops):
             self._stops_are_out()
         return frame
 
@@ -255,8 +258,7 @@ class Owner:
                 self.stops.report_if_away(unit.halt)
 
     def _wait_for_port(self) -> None:
-        again = self._selector.waiting.for_port(self._clock.now)
-        if again:
+        if again := self._selector.waiting.for_port(self._clock.now):
             self.at(again, self._wait_for_port)
 
     def plugged(self, now: float) -> None:
@@ -319,29 +321,31 @@ class Owner:
         job.sent_at = start
         if job.moves and job.motion is not None and job.request.writes:
             job.motion.commanded(start)
-        unit = self.units[job.address]
+        units, pair, request = self.units, self.pair, job.request
+        unit = units.by_address[job.address]
         timeout = unit.reply_timeout if job.reply_timeout is None else job.reply_timeout
-        if self._pipeline.takes(job):
-            self._pipeline.add(job, start + self.pair.longest_wait(job.request, timeout))
-            return job.request.adu
+        if self._pipeline.size > 1 and self._pipeline.takes(job):
+            self._pipeline.add(job, start + pair.longest_wait(request, timeout))
+            return request.adu
         if unit.asked_in_vain and job.urgency is Urgency.STOP and self.feeding.guards_others(job.address):
             # Whether it is there is known when it was silent for its time; others must not trip for that.
             timeout = min(timeout, max(CUT_AFTER, unit.silent_since + timeout - start))
-        self.feeding.strain.sent(job.feeds)
-        self.pair.begin(job, start, timeout, self.units.late(self._clock.now), unit.reply_times)
+        if self.feeding.armed:
+            self.feeding.strain.sent(job.feeds)
+        pair.begin(job, start, timeout, units.late(self._clock.now) if units.owing else (), unit.reply_times)
         if job.reply_timeout is None and unit.late.in_order and self._may_be_hurried(job):
             # Others are served then. The reply may come until it is owed no more all the same.
-            self.pair.deadline -= max(0.0, timeout - unit.reply_times.wait(job, timeout) - self.host_slack)
+            pair.deadline -= max(0.0, timeout - unit.reply_times.wait(job, timeout) - self.host_slack)
         if not job.expects_reply:
-            sent = self.pair.quiet_at - self.pair.silence
+            sent = pair.quiet_at - pair.silence
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround
             self._selector.turnaround_until = max(self._selector.turnaround_until, over)
             self._attempts.note(job, b"", "broadcast" if job.is_broadcast else "sent", sent)
             self.one_way.add(job, over)
-        if job.request.writes:
+        if request.writes:
             self._register_writes.sent(job)
-            self.units.tell_sent(job, start)
-        return job.request.adu
+            units.tell_sent(job, start)
+        return request.adu
 
     def _may_be_hurried(self, job: Job) -> bool:
         """Whether a job is waited for no longer than the unit usually takes. A look that was missed is not, for the

@@ -126,22 +126,23 @@ class Journal:
             stats = self.stats.units[address] = UnitStats()
         return stats
 
-    def add(self, record: Record) -> None:
+    def add(self, record: Record, crc_errors: int = 0) -> None:
         self.flight.append(record)
-        stats = self.stats
+        stats, outcome = self.stats, record.outcome
         stats.transactions += 1
-        unit = self.unit(record.address)
+        unit = stats.units.get(record.address) or self.unit(record.address)
         unit.stray_bytes += record.skipped
+        unit.crc_errors += crc_errors
         if record.attempt == 1:
             unit.requests += 1
         else:
             unit.retries += 1
-        if record.outcome == "reply":
+        if outcome == "reply":
             unit.replies += 1
-            unit.latencies.append(record.latency)
-        elif record.outcome == "refused":
+            unit.latencies.append(record.ended_at - record.sent_at)
+        elif outcome == "refused":
             unit.refusals += 1
-        elif record.outcome not in ("broadcast", "sent"):
+        elif outcome not in ("broadcast", "sent"):
             unit.timeouts += 1
             self.missed()
         for observer in self._observers:

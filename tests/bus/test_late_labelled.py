@@ -357,7 +357,7 @@ def test_the_line_tells_whose_answer_it_was() -> None:
     line = LabelledLine([Reply(0.2), None], **ONCE)
     line.submit(read_holding(1, 30, 1))
     line.run(0.185)
-    line.owner.units[1].late._owed.clear()
+    line.owner.units[1].late.owed.clear()
     job = line.submit(read_holding(1, 32, 1))
     line.run()
     assert len(line.wrong) == 1

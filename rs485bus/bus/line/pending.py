@@ -54,56 +54,52 @@ class PendingReplies:
         in_order: bytes come in the order in which they were asked for. Not so behind a TCP gateway.
     """
 
-    __slots__ = ("_heard", "_in_order", "_owed")
+    __slots__ = ("_heard", "in_order", "owed")
 
     def __init__(self, in_order: bool = True) -> None:
-        self._in_order = in_order
-        self._owed: list[PendingReply] = []
+        self.in_order = in_order
+        """Whether bytes come in the order in which they were asked for."""
+        self.owed: list[PendingReply] = []
         self._heard: dict[bytes, _Heard] = {}
 
-    @property
-    def in_order(self) -> bool:
-        """Whether bytes come in the order in which they were asked for."""
-        return self._in_order
-
     def __bool__(self) -> bool:
-        return bool(self._owed)
+        return bool(self.owed)
 
     def __iter__(self) -> Iterator[PendingReply]:
-        return iter(self._owed)
+        return iter(self.owed)
 
     def expire(self, now: float) -> None:
         """Forget what can arrive no more."""
-        if self._owed:
-            self._owed = [owed for owed in self._owed if owed.until > now]
+        if self.owed:
+            self.owed = [owed for owed in self.owed if owed.until > now]
         if self._heard:
             self._heard = {frame: heard for frame, heard in self._heard.items() if heard.until > now}
 
     @property
     def are_settled_by_answers(self) -> bool:
         """Whether an answer to something sent later proves that some of them will never come."""
-        return self._in_order and not all(owed.accepted for owed in self._owed)
+        return self.in_order and not all(owed.accepted for owed in self.owed)
 
     def unanswered(self, job: Job, until: float, *, accepted: bool = False) -> None:
         """The job's latest attempt got no reply, or was accepted only; one may arrive until the time given."""
-        self._owed.append(PendingReply(job.request, job, job.sent_at, until, accepted))
+        self.owed.append(PendingReply(job.request, job, job.sent_at, until, accepted))
 
     def must_wait(self, request: Request, job: Job | None = None) -> float:
         """Until when a request must wait lest it be answered by an older one's reply; 0 if it need not.
 
         A further attempt of the same job may be answered by either reply.
         """
-        alike = (owed.until for owed in self._owed if owed.job is not job and owed.request.may_answer(request))
+        alike = (owed.until for owed in self.owed if owed.job is not job and owed.request.may_answer(request))
         return max(alike, default=0.0)
 
     def hides_refusal(self, job: Job) -> bool:
         """Whether a refusal inside a normal reply, that fits the job, may belong to an older request."""
-        return any(owed.job is not job and owed.request.may_refuse(job.request) for owed in self._owed)
+        return any(owed.job is not job and owed.request.may_refuse(job.request) for owed in self.owed)
 
     def hides_exception(self, job: Job, frame: bytes = b"") -> bool:
         """Whether an exception that fits the job may belong to an older request: it carries only the function. What the
         device has accepted no gateway gives up."""
-        alike = (owed for owed in self._owed if owed.request.function == job.request.function)
+        alike = (owed for owed in self.owed if owed.request.function == job.request.function)
         return any(owed.job is not job and not (owed.accepted and is_a_gateways(frame)) for owed in alike)
 
     def answered(self, job: Job, until: float, frame: bytes = b"") -> float:
@@ -112,20 +108,20 @@ class PendingReplies:
         Where that is not the latest attempt, a reply is still owed, until the time given. What is older than the
         attempt answered will not arrive any more, where replies come in order.
         """
-        if not self._owed:
+        if not self.owed:
             return job.sent_at
         heard = self._heard.get(frame)
-        if heard is not None and not (self._in_order and heard.came_again):
+        if heard is not None and not (self.in_order and heard.came_again):
             # There is one copy at most: of two that came after something was asked, one is its answer.
             heard.came_again = True
             self.unanswered(job, until)  # it may be a copy
             return heard.since
-        alike = [owed for owed in self._owed if _may_give(owed.request, frame, job.request)]
+        alike = [owed for owed in self.owed if _may_give(owed.request, frame, job.request)]
         since = min((owed.sent_at for owed in alike), default=job.sent_at)
-        if self._in_order:
+        if self.in_order:
             self._no_copies_of_what_came_before(since)
         self._settle(alike, frame, job.request, job.sent_at)
-        if self._in_order:
+        if self.in_order:
             self._forget_before(since)
         if alike:
             self.unanswered(job, until)
@@ -134,21 +130,21 @@ class PendingReplies:
     def arrived(self, request: Request, frame: bytes = b"") -> float | None:
         """A late reply to such a request arrived. Returns when the oldest one was sent that it may answer; None for
         a copy, or if there is none."""
-        return self._came(frame, [owed for owed in self._owed if _may_give(owed.request, frame, request)])
+        return self._came(frame, [owed for owed in self.owed if _may_give(owed.request, frame, request)])
 
     def waiting(self, request: Request, frame: bytes) -> Job | None:
         """The job that a late reply answers, where it can be no other's: it waits for a repetition, or for its time to
         be over. None if there is none, or for a copy."""
-        if frame in self._heard or request.writes or not self._in_order:
+        if frame in self._heard or request.writes or not self.in_order:
             return None
-        jobs = {owed.job for owed in self._owed if _may_give(owed.request, frame, request)}
+        jobs = {owed.job for owed in self.owed if _may_give(owed.request, frame, request)}
         job = jobs.pop() if len(jobs) == 1 else None
         return job if job is not None and job.outcome is None and job.read_back is None else None
 
     def excepted(self, function: int, frame: bytes = b"") -> None:
         """A late exception arrived for a function."""
         if not is_a_gateways(frame):
-            self._came(frame, [owed for owed in self._owed if owed.request.function == function])
+            self._came(frame, [owed for owed in self.owed if owed.request.function == function])
 
     def leaves_undecided(self, job: Job, frame: bytes) -> bool:
         """Whether a refusal that fits the job on the wire may belong to something older, and so decides nothing.
@@ -158,11 +154,11 @@ class PendingReplies:
         heard = self._heard.get(frame)
         if heard is not None and heard.attempt == (job, job.sent_at):
             return True  # it may be a copy
-        if not self._owed or not (self.hides_exception(job, frame) if is_exception(frame) else self.hides_refusal(job)):
+        if not self.owed or not (self.hides_exception(job, frame) if is_exception(frame) else self.hides_refusal(job)):
             return False
-        older = [owed for owed in self._owed if owed.request.answered_by(frame)]
+        older = [owed for owed in self.owed if owed.request.answered_by(frame)]
         until = max((owed.until for owed in older), default=job.sent_at)
-        if self._in_order and not is_a_gateways(frame):
+        if self.in_order and not is_a_gateways(frame):
             self._came(frame, older)
         self._heard[frame] = _Heard(job.sent_at, until, (job, job.sent_at))
         return True
@@ -172,7 +168,7 @@ class PendingReplies:
             return None
         since = min(owed.sent_at for owed in alike)
         self._settle(alike, frame, alike[0].request)
-        if self._in_order:
+        if self.in_order:
             self._forget_before(since)
         return since
 
@@ -188,8 +184,8 @@ class PendingReplies:
         if frame:
             since, until = min(owed.sent_at for owed in alike), max(owed.until for owed in alike)
             self._heard[frame] = _Heard(since, until, None, came_after=came_after)
-        if self._in_order or all(_look_the_same(owed.request, request) for owed in alike):
-            self._owed.remove(min(alike, key=lambda owed: owed.sent_at))
+        if self.in_order or all(_look_the_same(owed.request, request) for owed in alike):
+            self.owed.remove(min(alike, key=lambda owed: owed.sent_at))
 
     def _no_copies_of_what_came_before(self, sent_at: float) -> None:
         """What was sent at that time was answered: a copy of what came before would have come before that answer."""
@@ -197,7 +193,7 @@ class PendingReplies:
             self._heard = {frame: heard for frame, heard in self._heard.items() if heard.came_after >= sent_at}
 
     def _forget_before(self, sent_at: float) -> None:
-        self._owed = [owed for owed in self._owed if owed.accepted or owed.sent_at >= sent_at]
+        self.owed = [owed for owed in self.owed if owed.accepted or owed.sent_at >= sent_at]
 
 
 def _may_give(owed: Request, frame: bytes, request: Request) -> bool:

@@ -66,6 +66,7 @@ class SerialLine:
         "_turn",
         "air_end",
         "airtime",
+        "character",
         "deadline",
         "exchange",
         "heard_at",
@@ -82,6 +83,7 @@ class SerialLine:
 
     def __init__(self, line: LineSettings, silence: float, echo: bool | None, now: float) -> None:
         self.line = line
+        self.character = line.character
         self.silence = silence
         self.exchange = Transaction(echo)
         self.job: Job | None = None
@@ -146,7 +148,7 @@ class SerialLine:
     ) -> None:
         """The job's frame goes out at `start`, to a unit that takes such `times` to answer."""
         request = job.request
-        air = self.line.airtime(len(request.adu))
+        air = len(request.adu) * self.character
         self.airtime += air
         self._over_noise = start < self.quiet_at
         self.air_end = start + air
@@ -165,8 +167,8 @@ class SerialLine:
             self.noisy_since = self.air_end
         if job.expects_reply:
             self.job = job
-            self.deadline = start + self.longest_wait(request, reply_timeout)
-            self.owed_until = self.deadline
+            takes = (request.length or MAX_FRAME) * self.character
+            self.deadline = self.owed_until = self.air_end + reply_timeout + takes + self.latency
 
     def longest_wait(self, request: Request, reply_timeout: float) -> float:
         """Seconds from the start of a request within which its answer has come, or does not."""
@@ -178,7 +180,7 @@ class SerialLine:
 
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
-        self.airtime += self.line.airtime(len(data))
+        self.airtime += len(data) * self.character
         if now >= self.quiet_at or self.heard_at < self.noisy_since or now > self.heard_at + self._deaf + STOP_WAITS:
             self.noisy_since = now  # what was heard before is over, however many parts of a stop went out since
         self.heard_at = now

@@ -30,6 +30,7 @@ class AdmissionControl:
     """
 
     __slots__ = (
+        "_by_address",
         "_echo",
         "_feeding",
         "_line",
@@ -52,6 +53,7 @@ class AdmissionControl:
         self._echo = pair.exchange.question
         self.pauses = PauseKeeper(pair)
         self._units = units
+        self._by_address = units.by_address
         self._feeding = feeding
         self._turnaround = turnaround
         self.ration = StopRation()
@@ -73,30 +75,31 @@ class AdmissionControl:
             return Reason.CLOSED
         if job.urgency is Urgency.STOP:
             return Reason.NONE
-        if job.is_stale:
+        if job.motion is not None and job.is_stale:
             return Reason.STOPPED
         if job.urgency is Urgency.FEED and not self.connected:
             return Reason.UNPLUGGED
         if job.internal:
             return Reason.OFFLINE if job.backs_off and self._units[job.address].reach.offline else Reason.NONE
-        if self._feeding.armed and job.request.writes and self._disrupts(job):
+        feeding, moves = self._feeding, job.moves
+        if feeding.armed and job.request.writes and self._disrupts(job):
             return Reason.DISRUPTIVE
-        if self._feeding.slack < _FOREVER and self._takes(job) > self._feeding.slack:
+        if feeding.slack < _FOREVER and self._takes(job) > feeding.slack:
             return Reason.TOO_LONG
-        if job.moves and self.closing:
+        if moves and self.closing:
             return Reason.CLOSED
-        if job.moves and self.latched:
+        if moves and self.latched:
             return Reason.LATCHED
-        if job.moves and not self.connected:
+        if moves and not self.connected:
             return Reason.UNPLUGGED
         if job.is_broadcast:
-            return self._refusal_of_broadcast(job) if job.moves else Reason.NONE
-        unit = self._units[job.address]
+            return self._refusal_of_broadcast(job) if moves else Reason.NONE
+        unit = self._by_address[job.address]
         if unit.reach.offline:
             return Reason.OFFLINE
         if unit.is_stops_only:
             return Reason.EMERGENCY if self.latched else Reason.STOPPED
-        if not job.moves:
+        if not moves:
             return Reason.NONE
         return Reason.LOCKED if unit.locked else Reason.UNCONFIRMED if _is_unconfirmed(unit) else Reason.NONE
 
@@ -182,14 +185,14 @@ class AdmissionControl:
             if job.moves and any(unit.halt for unit in self.hearing(job)):
                 return _FOREVER
             return self._may_be_hit_until(None, job, now) if self.silent else READY
-        unit = self._units[job.address]
+        unit = self._by_address[job.address]
         if job.moves and unit.halt is not None:
             return _FOREVER
         if unit.silent_until > now:
             return unit.silent_until
-        if self._echo.is_open and self.waits_for_verdict(job):
+        if self._echo.verdict is None and self.waits_for_verdict(job):
             return _FOREVER
-        if unit.late and not job.ignores_late_replies:
+        if unit.late.owed and not job.ignores_late_replies:
             unit.late.expire(now)
             if (until := unit.late.must_wait(job.request, job)) > now:
                 self.held_up.add(unit)

@@ -46,12 +46,12 @@ class BurstScheduler:
         self._feeding = feeding
         self._free_at = free_at
         self._give_up = give_up
-        self._waiting: dict[Burst, dict[int, Job]] = {}
+        self.waiting: dict[Burst, dict[int, Job]] = {}
         """The jobs of each burst that were not sent yet, by place."""
 
     def __bool__(self) -> bool:
         """Whether any waits."""
-        return bool(self._waiting)
+        return bool(self.waiting)
 
     def join(self, job: Job) -> Reason:
         """A job waits for its turn; or the reason why that does not come."""
@@ -59,7 +59,7 @@ class BurstScheduler:
         burst = job.slot.burst
         if burst.broken:
             return Reason.BROKEN_OFF
-        self._waiting.setdefault(burst, {})[job.slot.place] = job
+        self.waiting.setdefault(burst, {})[job.slot.place] = job
         burst.join(self)
         return Reason.NONE
 
@@ -73,7 +73,7 @@ class BurstScheduler:
     def next(self, now: float) -> tuple[Job | None, float, bool]:
         """The frame that goes next; else when to ask again, and whether the wire is kept free until then."""
         again = float("inf")
-        for burst in sorted(self._waiting, key=lambda burst: burst.began_at is None):
+        for burst in sorted(self.waiting, key=lambda burst: burst.began_at is None):
             if burst.began_at is None:
                 until = burst.may_begin(now)
                 if until > now:
@@ -105,7 +105,7 @@ class BurstScheduler:
     def gives_way(self, now: float) -> bool:
         """Whether a burst has had the wire for as long as it may be taken at once: where it was not answered."""
         slack = self._feeding.slack
-        return any(burst.began_at is not None and now - burst.began_at > slack for burst in self._waiting)
+        return any(burst.began_at is not None and now - burst.began_at > slack for burst in self.waiting)
 
     # As a burst sees it
 
@@ -124,7 +124,7 @@ class BurstScheduler:
         return until
 
     def is_free(self, now: float) -> bool:
-        taken = any(burst.began_at is not None for burst in self._waiting)
+        taken = any(burst.began_at is not None for burst in self.waiting)
         return self._gate.connected and self._pair.job is None and not taken and now >= self._free_at()
 
     def drop(self, burst: Burst) -> None:
@@ -134,7 +134,7 @@ class BurstScheduler:
     # Inside
 
     def _in_order(self, burst: Burst) -> list[Job]:
-        return [job for _, job in sorted(self._waiting.get(burst, {}).items())]
+        return [job for _, job in sorted(self.waiting.get(burst, {}).items())]
 
     def _first(self, burst: Burst, now: float) -> Job | None:
         """The next frame of a burst under way. In the middle of it nothing waits: what would have to ends it."""
@@ -158,8 +158,8 @@ class BurstScheduler:
 
     def _leave(self, job: Job) -> None:
         assert job.slot is not None
-        waiting = self._waiting.get(job.slot.burst, {})
+        waiting = self.waiting.get(job.slot.burst, {})
         if waiting.get(job.slot.place) is job:
             del waiting[job.slot.place]
         if not waiting:
-            self._waiting.pop(job.slot.burst, None)
+            self.waiting.pop(job.slot.burst, None)

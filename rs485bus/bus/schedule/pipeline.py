@@ -31,7 +31,7 @@ class Pipeline:
         unanswered: told of a job that was not answered in its time.
     """
 
-    __slots__ = ("_ebbs", "_feeding", "_native", "_out", "_size", "_timers", "_unanswered", "_units")
+    __slots__ = ("_ebbs", "_feeding", "_native", "_timers", "_unanswered", "_units", "out", "size")
 
     def __init__(
         self,
@@ -42,29 +42,25 @@ class Pipeline:
         timers: Timers,
         unanswered: Callable[[Job], None],
     ) -> None:
-        self._size = size
+        self.size = size
         self._native = native
         self._units = units
         self._feeding = feeding
         self._timers = timers
         self._unanswered = unanswered
-        self._out: dict[Job, Timer] = {}
+        self.out: dict[Job, Timer] = {}
+        """Those that are out, and when they will have been for too long."""
         self._ebbs = False
         """Something waits until none of these is out."""
 
-    def __bool__(self) -> bool:
-        """Whether any is out."""
-        return bool(self._out)
-
     def is_out(self, job: Job) -> bool:
         """Whether a job is one of these."""
-        return job in self._out
+        return job in self.out
 
     def takes(self, job: Job) -> bool:
-        """Whether a job is one that may be out beside others."""
+        """Whether a job is one that may be out beside others, where any may."""
         return (
-            self._size > 1
-            and not (job.request.writes or job.internal or job.moves or self._feeding.armed)
+            not (job.request.writes or job.internal or job.moves or self._feeding.armed)
             and job.urgency in _PLAIN
             and job.expects_reply
             and self._units[job.address].attached is None
@@ -73,24 +69,24 @@ class Pipeline:
     def wait(self, job: Job) -> float:
         """Until when a job must wait for these that could go otherwise; READY if it need not. What goes alone lets no
         others pass."""
-        if not self._out or job.urgency is Urgency.STOP:
+        if not self.out or job.urgency is Urgency.STOP:
             return READY
         if not self.takes(job):
             self._ebbs = True
-        if self._ebbs or len(self._out) >= self._size:
+        if self._ebbs or len(self.out) >= self.size:
             return _FOREVER
-        if not self._native and any(out.address == job.address for out in self._out):
+        if not self._native and any(out.address == job.address for out in self.out):
             return _FOREVER
         return READY
 
     def add(self, job: Job, until: float) -> None:
         """The job's frame goes out. It may be answered until the time given."""
         self._ebbs = False
-        self._out[job] = self._timers.at(until, lambda: self._over(job))
+        self.out[job] = self._timers.at(until, lambda: self._over(job))
 
     def leaves(self, job: Job) -> bool:
         """The job's attempt has ended. False if it is none of these."""
-        timer = self._out.pop(job, None)
+        timer = self.out.pop(job, None)
         if timer is None:
             return False
         self._timers.cancel(timer)
@@ -98,11 +94,11 @@ class Pipeline:
 
     def end_all(self) -> list[Job]:
         """No answer can come any more."""
-        jobs = list(self._out)
+        jobs = list(self.out)
         for job in jobs:
             self.leaves(job)
         return jobs
 
     def _over(self, job: Job) -> None:
-        if self._out.pop(job, None) is not None:
+        if self.out.pop(job, None) is not None:
             self._unanswered(job)

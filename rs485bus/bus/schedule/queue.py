@@ -16,6 +16,7 @@ READY = 0.0
 GONE = -1.0
 """An admission: the job is not worth sending any more; it leaves the queue."""
 
+_FOREVER = float("inf")
 _PATIENCE = 3
 """Commands after which a poll that waited all the while has its turn; looks after which commands and polls have one."""
 _SOON = (Urgency.FEED, Urgency.CONFIRM)
@@ -29,11 +30,15 @@ Admission = Callable[[Job], float]
 class Queue:
     """Jobs that wait for the wire."""
 
-    __slots__ = ("_lanes", "_looks", "_passed", "size")
+    __slots__ = ("_lanes", "_looks", "_passed", "_polls", "_soon", "size", "stops")
 
     def __init__(self) -> None:
         # Lines are ordered dicts keyed by the job itself: O(1) to append, to take the first and to leave anywhere.
         self._lanes: tuple[OrderedDict[int, OrderedDict[Job, None]], ...] = tuple(OrderedDict() for _ in Urgency)
+        self.stops = self._lanes[Urgency.STOP]
+        """Not empty, while a stop waits."""
+        self._soon = self._lanes[Urgency.FEED], self._lanes[Urgency.CONFIRM]
+        self._polls = self._lanes[Urgency.POLL]
         self._passed = 0
         """How many commands in a row have gone before a poll that waited."""
         self._looks = 0
@@ -74,7 +79,7 @@ class Queue:
 
         The time is infinite if nothing waits for time to pass.
         """
-        again = float("inf")
+        again = _FOREVER
         for urgency in lanes:
             lane = self._lanes[urgency]
             if not lane:
@@ -86,11 +91,16 @@ class Queue:
                     if verdict > READY:
                         again = min(again, verdict)
                         break
-                    self.remove(job)
-                    if verdict == READY:
-                        if address in lane:
-                            lane.move_to_end(address)
-                        return job, 0.0
+                    if verdict != READY:
+                        self.remove(job)
+                        continue
+                    del line[job]
+                    self.size -= 1
+                    if line:
+                        lane.move_to_end(address)
+                    else:
+                        del lane[address]
+                    return job, 0.0
         return None, again
 
     def take_soon(self, admit: Admission) -> tuple[Job | None, float]:
@@ -99,6 +109,10 @@ class Queue:
         Where drives are slow these would fill the wire, and nothing else would ever end: after some of them the rest
         has a turn.
         """
+        feeds, looks = self._soon
+        if not (feeds or looks):
+            self._looks = 0
+            return None, _FOREVER
         if self._looks >= _PATIENCE:
             self._looks = 0
             job, _ = self.take(admit, (Urgency.FEED,))
@@ -119,7 +133,7 @@ class Queue:
         Commands go first; but whoever asks without a pause, command after command, would keep the moves of all axes
         from being looked at, and they would never end. So after some commands a poll has its turn.
         """
-        waits = self.has(Urgency.POLL)
+        waits = bool(self._polls)
         job, again = self.take(admit, _POLLS_FIRST if self._passed >= _PATIENCE else _REST)
         if job is not None:
             self._passed = self._passed + 1 if waits and job.urgency is Urgency.COMMAND else 0

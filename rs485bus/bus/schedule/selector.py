@@ -29,6 +29,7 @@ from rs485bus.wire.frames import Request
 
 _STOPS = (Urgency.STOP,)
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
+_FOREVER = float("inf")
 _READS = 4
 """Reads, at most, of which one is looked for that is in nobody's way."""
 
@@ -82,7 +83,7 @@ class Selector:
     def stop_waits(self) -> float | None:
         """Since when a stop waits that what is on the wire is cut for: it could go then, and nothing trips for that.
         None if there is none."""
-        if not self._queue.has(Urgency.STOP):
+        if not self._queue.stops:
             return None
         job, now = self._pair.job, self._clock.now
         if job is not None and job.feeds and not self._feeding.may_wait(job.address, now):
@@ -92,9 +93,12 @@ class Selector:
 
     def over_at(self) -> float:
         """Until when the job that is out may still be answered."""
-        asked_at, job = self.stop_waits(), self._pair.job
+        job, pair = self._pair.job, self._pair
+        if not (self._queue.stops or pair.is_brief):
+            return pair.deadline
+        asked_at = self.stop_waits()
         if asked_at is None or job is None:
-            return self._pair.wait_until(asked_at)
+            return pair.wait_until(asked_at)
         return self._pair.wait_until(asked_at, self._units[job.address].reply_times.expected(job))
 
     def free_at(self) -> float:
@@ -105,23 +109,27 @@ class Selector:
         """When something may go, if nothing is out. What somebody waits for is made ready while the line is quiet."""
         if self._queue.size:
             return self._pair.quiet_at - self.lead
+        if self._feeding.look_at == _FOREVER and not (self._units.lost or self._units.doubted):
+            return _FOREVER
         probe_at = self._units.to_probe_at(self._clock.now, idle=True)
         return max(self._pair.quiet_at, min(self._feeding.next_at(self._clock.now), probe_at))
 
     def next(self) -> tuple[Job | None, float]:
         """The job that goes next or, if there is none, when to look again."""
-        job, wake = self._queue.take(self._admit, _STOPS)
-        if job is not None:
-            return job, wake
+        wake, feeding, units = _FOREVER, self._feeding, self._units
+        if self._queue.stops:
+            job, wake = self._queue.take(self._admit, _STOPS)
+            if job is not None:
+                return job, wake
         if self._clock.now < self.turnaround_until:
             return None, min(wake, self.turnaround_until)
         if self._gate.pauses.held is not None and not self.starts:
             job, again = self._keep_quiet()
             if again > self._clock.now or job is not None:
                 return job, min(wake, again)
-        watch = self._feeding.due(self._clock.now)
+        watch = feeding.due(self._clock.now) if feeding.look_at < _FOREVER else None
         kept = False
-        if self.starts and (watch is None or not self.starts.gives_way(self._clock.now)):
+        if self.starts.waiting and (watch is None or not self.starts.gives_way(self._clock.now)):
             job, again, kept = self.starts.next(self._clock.now)
             if job is not None:
                 return job, again
@@ -129,14 +137,15 @@ class Selector:
         if watch is not None:
             other = self._take_its_turn() if self._feeding.strain.yields else None
             return self._feed(watch, wake) if other is None else (other, wake)
-        wake = min(wake, self._feeding.look_at)
+        wake = min(wake, feeding.look_at)
         job, again = self._queue.take_soon(self._admit)
         if job is not None or kept:
             return job, min(wake, again)
         # Looking for lost units is rationed; what is due of it is not put off by traffic.
-        lost = self._units.to_probe(self._clock.now)
-        if lost is not None and (job := self._look_for(lost)) is not None:
-            return job, wake
+        if units.lost or units.doubted:
+            lost = units.to_probe(self._clock.now)
+            if lost is not None and (job := self._look_for(lost)) is not None:
+                return job, wake
         wake = min(wake, again)
         if self._gate.held_up and (job := self._ask_instead()) is not None:
             return job, wake
@@ -148,13 +157,13 @@ class Selector:
             job = self._ask_instead()
         if job is not None:
             return job, again
-        watch = self._feeding.soon(self._clock.now)
+        watch = feeding.soon(self._clock.now)
         if watch is not None:
             return self._feed(watch, wake)
-        lost = self._units.to_probe(self._clock.now, idle=True)
+        lost = units.to_probe(self._clock.now, idle=True)
         if lost is not None and (job := self._look_for(lost)) is not None:
             return job, wake
-        wake = min(wake, again, self._units.to_probe_at(self._clock.now, idle=True))
+        wake = min(wake, again, units.to_probe_at(self._clock.now, idle=True))
         return self._ask_of_echo(question) if question.is_open else None, wake
 
     def next_among_noise(self, wake: float) -> tuple[Job | None, float]:
@@ -258,11 +267,12 @@ class Selector:
         return verdict if verdict != READY or over <= self._clock.now else over
 
     def _admit(self, job: Job) -> float:
-        reason = self._gate.refusal(job)
+        gate = self._gate
+        reason = gate.refusal(job)
         if job.backs_off and reason is Reason.NONE and self._is_in_the_way(self._units[job.address], job.request):
             reason = Reason.OWED
         if reason is not Reason.NONE:
             self._drop(job, reason)
             return GONE
-        until = self._gate.wait(job, self._clock.now)
-        return self._pipeline.wait(job) if self._pipeline and until == READY else until
+        until = gate.wait(job, self._clock.now)
+        return self._pipeline.wait(job) if self._pipeline.out and until == READY else until

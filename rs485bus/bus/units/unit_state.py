@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Any, Literal
 
 from rs485bus.bus.line.numbered import NumberedReplies
 from rs485bus.bus.line.pending import PendingReplies
@@ -171,6 +171,20 @@ class UnitState:
         return self.answers.next_probe(self.address, () if self.attached is None else self.attached.reads())
 
 
+class _ByAddress(dict[int, UnitState]):
+    """The units by address; one that is asked for first is there then."""
+
+    __slots__ = ("_args",)
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__()
+        self._args = args
+
+    def __missing__(self, address: int) -> UnitState:
+        unit = self[address] = UnitState(address, *self._args)
+        return unit
+
+
 class UnitStates:
     """All addresses that were ever asked or attached.
 
@@ -181,14 +195,14 @@ class UnitStates:
         native: each reply tells for certain which request it answers.
     """
 
-    __slots__ = ("_args", "_by_address", "_doubted", "_idling", "_in_passing", "_lost", "_owing", "listening")
+    __slots__ = ("_idling", "_in_passing", "by_address", "doubted", "listening", "lost", "owing")
 
     def __init__(self, in_order: bool, reply_timeout: float, late_reply_window: float, *, native: bool = False) -> None:
-        self._args = (in_order, reply_timeout, late_reply_window, native)
-        self._by_address: dict[int, UnitState] = {}
-        self._owing: set[UnitState] = set()
-        self._lost: set[UnitState] = set()
-        self._doubted: set[UnitState] = set()
+        self.by_address = _ByAddress(in_order, reply_timeout, late_reply_window, native)
+        self.owing: set[UnitState] = set()
+        """Those that may owe a reply."""
+        self.lost: set[UnitState] = set()
+        self.doubted: set[UnitState] = set()
         """Those that left something unanswered that they may never answer."""
         self.listening = ProbeBudget()
         self._idling = ProbeBudget(IDLE_SHARE, 0.0)
@@ -196,27 +210,24 @@ class UnitStates:
         """The unit that is looked for only because nothing else waits for the pair."""
 
     def __getitem__(self, address: int) -> UnitState:
-        unit = self._by_address.get(address)
-        if unit is None:
-            unit = self._by_address[address] = UnitState(address, *self._args)
-        return unit
+        return self.by_address[address]
 
     def __iter__(self) -> Iterator[UnitState]:
-        return iter(list(self._by_address.values()))
+        return iter(list(self.by_address.values()))
 
     def late(self, now: float) -> list[PendingReplies]:
         """What may still arrive, from whomever."""
-        if not self._owing:
+        if not self.owing:
             return []
-        for unit in self._owing:
+        for unit in self.owing:
             unit.late.expire(now)
-        self._owing = {unit for unit in self._owing if unit.late}
-        return [unit.late for unit in self._owing]
+        self.owing = {unit for unit in self.owing if unit.late}
+        return [unit.late for unit in self.owing]
 
     @property
     def devices(self) -> list[DeviceAdapter]:
         """The devices attached."""
-        return [unit.attached for unit in self._by_address.values() if unit.attached is not None]
+        return [unit.attached for unit in self.by_address.values() if unit.attached is not None]
 
     def attach(self, attached: DeviceAdapter) -> None:
         """A device takes its address.
@@ -240,7 +251,7 @@ class UnitStates:
     def owes(self, unit: UnitState, job: Job, deadline: float) -> None:
         """The job's latest attempt got no reply within its budget, or one that says that it was accepted only."""
         unit.late.unanswered(job, deadline + unit.late_reply_window, accepted=job.code == ACCEPTED)
-        self._owing.add(unit)
+        self.owing.add(unit)
 
     def tell_sent(self, job: Job, at: float) -> None:
         """Tell the devices that a write concerns that it goes out."""
@@ -254,15 +265,15 @@ class UnitStates:
         if request is not unit.answers.latest:
             unit.answers.add(request)
         if unit.reach.answered():
-            self._lost.discard(unit)
-        if self._doubted:
-            self._doubted.discard(unit)
+            self.lost.discard(unit)
+        if self.doubted:
+            self.doubted.discard(unit)
 
     def heard(self, unit: UnitState, now: float) -> None:
         """The unit gave a sign of life that answers nothing that is waited for."""
         unit.asked_in_vain = 0
         if unit.reach.heard(now):
-            self._lost.discard(unit)
+            self.lost.discard(unit)
 
     def unanswered(self, unit: UnitState, job: Job, now: float) -> None:
         """The job's latest attempt was not answered in its time."""
@@ -277,50 +288,50 @@ class UnitStates:
         elif job is not unit.question and job.urgency is not Urgency.STOP and unit.may_never_answer(request):
             unit.reach.doubted(now, listened)
             if unit.reach.in_doubt and unit.halt is None:  # one that is being stopped is asked anyway
-                self._doubted.add(unit)
+                self.doubted.add(unit)
         else:
-            flapping = sum(other.reach.flaps(now) for other in self._by_address.values())
+            flapping = sum(other.reach.flaps(now) for other in self.by_address.values())
             unit.reach.unanswered(now, listened, flapping, self._share_lost())
 
     def missed(self, unit: UnitState, now: float, limit: int) -> None:
         """A request to the unit ended without an answer."""
         if unit.reach.missed(now, limit):
-            self._lost.add(unit)
-            self._doubted.discard(unit)
+            self.lost.add(unit)
+            self.doubted.discard(unit)
 
     def to_probe(self, now: float, *, idle: bool = False) -> UnitState | None:
         """The unit to look for now; None while there is none, or no time to spend on it.
 
         `idle`: nothing else waits for the pair.
         """
-        if not (self._lost or self._doubted) or self.to_probe_at(now, idle=idle) > now:
+        if not (self.lost or self.doubted) or self.to_probe_at(now, idle=idle) > now:
             return None
-        if self._doubted:
-            unit = self._doubted.pop()
+        if self.doubted:
+            unit = self.doubted.pop()
             unit.reach.asked_for_what_it_answers()
             return unit
         # Whoever was looked for goes behind the others.
         if self.to_probe_at(now) > now:
-            unit = self._in_passing = min(self._lost, key=lambda unit: unit.reach.probed_at)
+            unit = self._in_passing = min(self.lost, key=lambda unit: unit.reach.probed_at)
         else:
-            unit, self._in_passing = min(self._lost, key=lambda unit: unit.reach.probe_at), None
+            unit, self._in_passing = min(self.lost, key=lambda unit: unit.reach.probe_at), None
             unit.reach.probe_at = now
         unit.reach.probed_at = now
         return unit
 
     def to_probe_at(self, now: float, *, idle: bool = False) -> float:
         """When to look for a unit."""
-        if self._doubted:
+        if self.doubted:
             return now
-        if not self._lost:
+        if not self.lost:
             return float("inf")
-        busy_at = max(self.listening.free_at(now), min(unit.reach.probe_at for unit in self._lost))
+        busy_at = max(self.listening.free_at(now), min(unit.reach.probe_at for unit in self.lost))
         if not idle:
             return busy_at
-        oldest = min(unit.reach.probed_at for unit in self._lost)
+        oldest = min(unit.reach.probed_at for unit in self.lost)
         return min(busy_at, max(self._idling.free_at(now), oldest + IDLE_EVERY))
 
     def _share_lost(self) -> float:
         """What the line loses, by what all units were asked of late."""
-        counts = [unit.reach.loss.counts for unit in self._by_address.values()]
+        counts = [unit.reach.loss.counts for unit in self.by_address.values()]
         return share_lost(sum(lost for lost, _ in counts), sum(answered for _, answered in counts))

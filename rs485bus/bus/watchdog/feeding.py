@@ -55,6 +55,7 @@ class Feeding:
         "_tempo",
         "_tripped",
         "_watches",
+        "armed",
         "look_at",
         "on_escape",
         "on_strain",
@@ -68,6 +69,8 @@ class Feeding:
     def __init__(self, turnaround: float = 0.0) -> None:
         self.turnaround = turnaround
         """How long a broadcast may take the wire, in seconds."""
+        self.armed = False
+        """Whether any watchdog is."""
         self._watches: dict[int, ArmedWatchdog] = {}
         self._planned: dict[int, ArmedWatchdog] = {}
         self._tripped: dict[int, Ledger] = {}
@@ -109,11 +112,6 @@ class Feeding:
         """What is armed, and what is about to be, by address."""
         return {**self._watches, **self._planned}
 
-    @property
-    def armed(self) -> bool:
-        """Whether any watchdog is."""
-        return bool(self._watches)
-
     def guards_others(self, address: int) -> bool:
         """Whether any watchdog is armed but that of one address."""
         return len(self._watches) > (address in self._watches)
@@ -130,12 +128,14 @@ class Feeding:
         self._tripped.pop(watch.address, None)
         self._forget(self._watches.get(watch.address))
         self._watches[watch.address] = watch
+        self.armed = True
         self.look_at = self.over_at = _SOON
         self.reckon()
 
     def disarm(self, address: int) -> None:
         """It is not armed any more, or will not be."""
         self._forget(self._watches.pop(address, None))
+        self.armed = bool(self._watches)
         self._planned.pop(address, None)
         self._tripped.pop(address, None)
         self.reckon()

@@ -87,6 +87,12 @@ class VirtualPair:
         self._heard_at = float("-inf")
         self._busy_since = float("-inf")
         """Since when there was no silence that the master could have used."""
+        self._babbled_at = float("-inf")
+        """When there was a byte last that nobody sent."""
+        self._babbles_since = float("-inf")
+        """Since when there were such, with no gap between them that a stop would have waited for."""
+        self._found_silence = False
+        """The master's last frame did."""
         self._over_noise = False
         """The master's last frame did not wait for silence any longer."""
         self._talk: _Talk | None = None
@@ -112,7 +118,10 @@ class VirtualPair:
             is_quiet = start - max(self._heard_at, self._sending_until) >= shortest
             # What is said again over noise that goes on waits no second time.
             noisy_since = self._busy_since if self._over_noise else max(self._busy_since, self._sending_until)
+            if self._found_silence and self._babbled_at == self._heard_at:
+                noisy_since = min(noisy_since, self._babbles_since)  # nor does what follows one in a gap of the noise
             waited = start - noisy_since + self.line.character  # of what was heard first
+            self._found_silence = is_quiet
             self._over_noise = not is_quiet and waited >= _STOP_WAITS
             self.frames_over_noise += self._over_noise
             self.early_frames += not (is_quiet or self._over_noise)
@@ -146,6 +155,9 @@ class VirtualPair:
         def byte(now: float) -> None:
             if self._sending_until <= now and (self._talk is None or self._talk.until <= now):
                 self._busy_until = now
+                if now - self._babbled_at > _STOP_WAITS:
+                    self._babbles_since = now
+                self._babbled_at = now
                 self._spoilt = self._spoilt or not self.lenient
                 self._hear(self._rng.randbytes(1), None, now)
             self.babble(intervals, now)

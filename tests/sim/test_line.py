@@ -71,6 +71,16 @@ def test_what_has_waited_long_enough_goes_over_noise_and_so_does_what_repeats_it
     assert (line.frames_over_noise, line.early_frames) == (over_noise, early)
 
 
+def test_a_gap_that_a_frame_has_fallen_into_does_not_end_the_noise_that_the_next_one_waited_for() -> None:
+    line = pair()
+    line.babble(iter([*24 * [0.001], 0.010, *20 * [0.001]]), 0.0)
+    hear(line, 0.024 + LINE.t35)
+    line.transmit(b"\x01\x03", 0.024 + LINE.t35)
+    hear(line, 0.040)
+    line.transmit(ASK.adu, 0.040)
+    assert (line.frames_over_noise, line.early_frames) == (1, 0)
+
+
 def test_what_follows_an_answer_at_once_is_early_however_noisy_the_pair_was_before() -> None:
     line = pair()
     line.babble(itertools.repeat(0.001, 30), 0.0)

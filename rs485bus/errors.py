@@ -41,7 +41,10 @@ class BroadcastConflict(BusError, ValueError):
 
 
 class LimitExceeded(BusError, ValueError):
-    """A value lies outside what the axis, its limits or its register can hold. Nothing was sent."""
+    """A value lies outside what the axis, its limits or its register can hold. It was not done.
+
+    Where that depends on where the axis stands, or on what its drive is set to, the drive was asked before.
+    """
 
 
 class NotSupported(BusError):
@@ -206,11 +209,11 @@ class ReferenceLost(MotionError):
 
 
 class NotEnabled(MotionError):
-    """The motor is not energised: `enable()` the axis first. Nothing was sent."""
+    """The motor is not energised: `enable()` the axis first. A move that had begun has ended with it."""
 
 
 class NotStanding(MotionError):
-    """The motor turns, and must stand for this: `stop()` the axis first. Nothing was sent."""
+    """The motor turns, and must stand for this: `stop()` the axis first. What needs that was not sent."""
 
 
 class RearmRequired(MotionError):

@@ -311,12 +311,16 @@ class Both(Generic[T]):
     """
     left: Handle[T]
     right: Handle[T]
+    def add_done_callback(self, callback: Callable[[Both[T]], object]) -> None:
+        """Have `callback` called with this once both have ended, as `Handle.add_done_callback`."""
+        ...
     def cancel(self) -> None:
         """End it: one that waits leaves the queues, one under way stops both wheels. It raises `MoveCancelled`."""
         ...
     def done(self) -> bool:
         """Whether both have ended, well or not."""
         ...
+    error: Exception | None
     def wait(self, timeout: float | None = None) -> tuple[T, T]:
         """Wait for its end, and return its result.
 
@@ -906,9 +910,13 @@ class HandleOfSeveral(Generic[T]):
         parts: the commands, by name.
     """
     parts: Mapping[str, Handle[T]]
+    def add_done_callback(self, callback: Callable[[HandleOfSeveral[T]], object]) -> None:
+        """Have `callback` called with this once all have ended, as `Handle.add_done_callback`."""
+        ...
     def done(self) -> bool:
         """Whether all have ended, well or not."""
         ...
+    error: Exception | None
     def wait(self, timeout: float | None = None) -> dict[str, T]:
         """Wait for its end, and return its result.
 

@@ -342,7 +342,8 @@ class RunCourse(Course):
         self.profile = profile
         self.keeps = profile.rpm != 0 and profile.duration is None
         self._counts_per_turn = counts_per_turn
-        self._reached = not self.keeps
+        self.reached = not self.keeps
+        """Nobody waits for its speed any more."""
         self.eta = started_at + (profile.ramp if self.keeps else profile.ends_after)
         self.deadline = started_at + 2 * profile.ramp + 1 + (profile.duration or 0.0)
 
@@ -371,10 +372,10 @@ class RunCourse(Course):
         if not self.keeps:
             over = self.state.standstill.until >= self.eta
             return Verdict.DONE if self._stands and over else self._in_time()
-        if not self._reached and self._has_speed():
-            self._reached = True
+        if not self.reached and self._has_speed():
+            self.reached = True
             return Verdict.REACHED
-        return Verdict.GOES_ON if self._reached else self._in_time()
+        return Verdict.GOES_ON if self.reached else self._in_time()
 
     def due(self, fact: Fact) -> float:
         if self.keeps and self.state.stopped_at > self.started_at:
@@ -387,7 +388,7 @@ class RunCourse(Course):
             return soon if self.keeps else min(soon, self._due_at_end(fact, max(self.eta, self.begun_at), LOOK_SOON))
         if not self.keeps:
             return self._due_at_end(fact, max(self.eta, self.begun_at), LOOK_AGAIN / 2)
-        if fact is Fact.SPEED and not self._reached:
+        if fact is Fact.SPEED and not self.reached:
             asked = self.state.known(Fact.SPEED).at
             return self.eta if asked < self.eta else asked + LOOK_AGAIN
         return _FOREVER

@@ -17,6 +17,8 @@ SILENT = 4
 """Intervals without a usable answer after which an axis that may move is stopped."""
 _LOOKS = 1 + 1 / SILENT
 """Looks in an interval: the telling one, and now and then another."""
+_NOTICEABLY = 1.02
+"""How many times as long as it should be an interval is that is told: it reads differently, too."""
 _FOREVER = float("inf")
 
 
@@ -35,7 +37,7 @@ class LookBudget:
     def enter(self, looks: object, takes: float) -> None:
         """A drive may move; one look at it takes the wire for so many seconds."""
         self._takes[looks] = takes
-        if self.interval > self._supervision and not self._told:
+        if self.interval > _NOTICEABLY * self._supervision and not self._told:
             self._told = True
             _log.warning(
                 "%d moving drives are looked at every %.2f s only, instead of every %g s: there is no more room on "
@@ -60,7 +62,7 @@ class LookBudget:
     def leave(self, looks: object) -> None:
         """It stands."""
         self._takes.pop(looks, None)
-        self._told = self._told and self.interval > self._supervision
+        self._told = self._told and self.interval > _NOTICEABLY * self._supervision
 
     @property
     def shortest(self) -> float:

@@ -107,7 +107,9 @@ class RunExecutor:
     def overtake(self) -> None:
         """Do not wait for the speed of the run that is carried out: another one follows."""
         self._overtaken = True
-        if isinstance(self._supervisor.course(self._axis), RunCourse):
+        course = self._supervisor.course(self._axis)
+        if isinstance(course, RunCourse):
+            course.reached = True
             self._executor.told(Verdict.REACHED, None)
 
     async def stream(self, move: Move, begin: Callable[[float], Awaitable[Course]], *, by_reference: bool) -> int:

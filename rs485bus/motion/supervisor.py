@@ -20,7 +20,7 @@ from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
-from rs485bus.motion.courses import Course, Verdict
+from rs485bus.motion.courses import Course, RunCourse, Verdict
 from rs485bus.motion.diagnosis import diagnose
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
@@ -165,7 +165,10 @@ class Supervisor:
             watched.changes.look()
             self._tell_of_restart(watched)
             if watched.course is not None and watched.course.goes_on and not watched.state.motion.may_move:
-                watched.course = watched.told = watched.doubted_at = None  # it was stopped, and seen standing
+                course, told = watched.course, watched.told
+                self.leave(axis)  # it was stopped, and seen standing
+                if told is not None and isinstance(course, RunCourse) and not course.reached:
+                    told(Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
             if watched.silent and self._drive.state.heard_at > self._since:
                 watched.silent = False
                 watched.tell(EventKind.BACK, "its drive answers again")
@@ -220,13 +223,8 @@ class Supervisor:
             watched.state.stood()
             self._end(watched, verdict, None)
         elif verdict is Verdict.OVERDUE:
-            self._end(
-                watched,
-                verdict,
-                MoveTimeout(
-                    f"{watched.name}: {course.what} takes more than twice its time, and a second. It was stopped."
-                ),
-            )
+            late = f"{watched.name}: {course.what} takes more than twice its time, and a second. It was stopped."
+            self._end(watched, verdict, MoveTimeout(late))
         elif verdict is Verdict.DOUBTFUL:
             self._doubt(axis, watched, course, now)
         elif watched.doubted_at is not None:
@@ -244,8 +242,10 @@ class Supervisor:
             if watched.told is not None:
                 watched.told(Verdict.DOUBTFUL, None)
         if watched.course is course and watched.state.since(watched.doubted_at, self._drive.wanted(axis)):
-            cause = possible_cause(self._bus.owner, self._drive)
-            self._end(watched, Verdict.DOUBTFUL, diagnose(self._drive, axis, watched.name, course, cause))
+            self._end(watched, Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
+
+    def _diagnose(self, axis: int, watched: _Watched, course: Course) -> MotionError:
+        return diagnose(self._drive, axis, watched.name, course, possible_cause(self._bus.owner, self._drive))
 
     def _end(self, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
         if watched.course is not None and error is not None:
@@ -283,17 +283,15 @@ class Supervisor:
             return
         unit.late.expire(now)
         when, fact = self._next()
-        when = max(when, self._not_before)
-        if when > now:
-            self._wake_at(when)
+        if max(when, self._not_before) > now:
+            self._wake_at(max(when, self._not_before))
             return
         request = self._free(fact)
         if fact not in self._drive.telling:
             self._rotated_at = now
         job = self._unanswered.pop(request.adu, None)
         if job is None:
-            job = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=0)
-            job.on_end = self._answered
+            job = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=0, on_end=self._answered)
         self._job = job
         self._bus.submit(job)
         if not job.attempts:
@@ -393,6 +391,7 @@ class Supervisor:
         self._since = self._bus.now()
         for watched in self._watched.values():
             if watched.course is not None:
-                what = watched.course.what
-                watched.state.between = watched.course.between
-                self._end(watched, Verdict.SILENT, MoveFailed(f"{watched.name} stopped answering during {what}."))
+                course, watched.state.between = watched.course, watched.course.between
+                self._end(
+                    watched, Verdict.SILENT, MoveFailed(f"{watched.name} stopped answering during {course.what}.")
+                )

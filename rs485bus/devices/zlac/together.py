@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Any, Generic, TypeVar, cast
 
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
+from rs485bus.motion.group.several import first_failure, when_all_have_ended
 from rs485bus.motion.move import Move
 
 T = TypeVar("T")
@@ -37,6 +38,15 @@ class Both(Generic[T]):
         for part in (self.left, self.right):
             if isinstance(part, Move):
                 part.cancel()
+
+    @property
+    def error(self) -> Exception | None:
+        """Why it failed, once both have ended: of the wheel that was not just taken along."""
+        return first_failure((self.left, self.right))
+
+    def add_done_callback(self, callback: Callable[[Both[T]], object]) -> None:
+        """Have `callback` called with this once both have ended, as `Handle.add_done_callback`."""
+        when_all_have_ended((self.left, self.right), lambda: callback(self))
 
     async def wait(self) -> tuple[T, T]:
         """Wait for both to end.

@@ -12,6 +12,7 @@ from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, NotSupported
 from rs485bus.motion.group.execution import GroupExecution, Wish
 from rs485bus.motion.group.member import GroupAxis, GroupMember
+from rs485bus.motion.group.several import first_failure, when_all_have_ended
 from rs485bus.motion.group.streams import GroupStream, StreamAxis
 from rs485bus.motion.move import Cancellable, Move, MoveState, MoveTarget, positions_until
 
@@ -143,6 +144,15 @@ class HandleOfSeveral(Generic[T]):
     def done(self) -> bool:
         """Whether all have ended, well or not."""
         return all(part.done() for part in self.parts.values())
+
+    @property
+    def error(self) -> Exception | None:
+        """Why it failed, once all have ended: of one that was cancelled only where no other failed."""
+        return first_failure(self.parts.values())
+
+    def add_done_callback(self, callback: Callable[[HandleOfSeveral[T]], object]) -> None:
+        """Have `callback` called with this once all have ended, as `Handle.add_done_callback`."""
+        when_all_have_ended(self.parts.values(), lambda: callback(self))
 
     async def wait(self) -> dict[str, T]:
         """Wait for all to end.

@@ -324,3 +324,19 @@ async def test_a_zero_of_which_a_part_may_be_missing_is_set_whole_or_no_position
         assert p.shafts()[0] == pytest.approx(zero + 0.25, abs=0.01)
         await p.base.left.move_by(0.1)
         assert p.shafts()[0] == pytest.approx(zero + 0.35, abs=0.01)
+
+
+@on_virtual_clock
+async def test_a_run_whose_drive_restarts_in_a_block_before_it_has_its_speed_ends() -> None:
+    """Its owner stops it, for its watchdog may be off: nobody else tells who waits for the speed."""
+    for after in range(0, 500, 25):
+        async with plant() as p, asyncio.timeout(20):
+            with contextlib.suppress(BusError, ExceptionGroup):
+                async with p.bus.watchdog(p.base, timeout=0.8):
+                    run = p.base.right.run(-314, acceleration=100)
+                    await asyncio.sleep(1.0 + after / 1000)
+                    p.sim.restart_takes = 0.3
+                    p.sim.power_cycle(p.now)
+                    with pytest.raises(MotionError):
+                        await run
+            assert run.done()

@@ -308,8 +308,8 @@ class Drive(DeviceAdapter):
         return self.slows_down_for(emergency) + max(axis.rule.apart for axis in self.state.axes)
 
     def judgement(self, motion: Motion) -> StandstillDetector:
-        whole = motion is self.motion
-        return _StopJudge(self, [at for at, axis in enumerate(self.state.axes) if whole or axis.motion is motion])
+        axes = [at for at, axis in enumerate(self.state.axes) if axis.motion is motion]
+        return _StopJudge(self, axes or range(len(self.state.axes)))
 
     def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
         try:

@@ -9,8 +9,11 @@ from typing import Any
 import pytest
 
 from rs485bus import AxisGroup, Bus, MksServo, TlrStepper, Zlac8015d, open_bus
+from rs485bus.devices.mks import Status
 from rs485bus.errors import MotionError
 from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
+from rs485bus.sim.mks_quirks import Quirks
+from rs485bus.wire.frames import crc
 from tests.devices.stream_rig import now
 from tests.devices.test_setpoints_on_the_wire import lose, writes_to
 from tests.integration.support import virtual
@@ -189,3 +192,45 @@ async def test_late_answers_to_stops_are_no_noise_and_stops_to_one_drive_keep_no
             begun = now()
             await asyncio.gather(*(axis.stop().wait() for axis in (y, base.left, base.right)))
             assert now() - begun < 2.0, after
+
+
+@pytest.mark.parametrize("turnaround", [0.01, 0.07])
+@pytest.mark.parametrize("baudrate", [9600, 115200])
+@virtual
+async def test_a_status_that_lies_confirms_no_stop_however_long_an_answer_takes(
+    baudrate: int, turnaround: float
+) -> None:
+    """They acknowledge the stop, say at once that they stand, and slow down for 1.5 s."""
+    mks, tlr = SimMks(1, quirks=Quirks(lying=Status.STOPPED)), SimTlr(2)
+    mks.baudrate = tlr.baudrate = baudrate
+    mks_hears, tlr_hears = mks.receive, tlr.receive
+    stops: list[bytes] = []
+
+    def mks_coasts(frame: bytes, at: float) -> bytes | None:
+        if frame[1:4] != bytes((6, 0, 0xF7)):
+            return mks_hears(frame, at)
+        body = bytes.fromhex("011000F6000204006E0000")
+        mks_hears(body + crc(body), at)
+        return frame
+
+    def tlr_coasts(frame: bytes, at: float) -> bytes | None:
+        if frame[:4] == bytes((2, 6, 0, 0x4E)) and frame[5] & 0x60:
+            asyncio.get_running_loop().call_later(1.5, lambda: tlr_hears(frame, now()))
+            stops.append(frame)
+            return frame
+        answer = tlr_hears(frame, at)
+        if frame[:4] != bytes((2, 3, 0, 0x04)) or answer is None or not stops:
+            return answer
+        body = answer[:4] + bytes((answer[4] & ~4,)) + answer[5:15] + bytes(len(answer[15:-2]))
+        return body + crc(body)
+
+    mks.receive, tlr.receive = mks_coasts, tlr_coasts  # type: ignore[method-assign]
+    async with open_bus(VirtualLine(mks, tlr, baudrate=baudrate, turnaround=turnaround)) as bus:
+        axes = MksServo(bus, 1), TlrStepper(bus, 2)
+        for axis in axes:
+            await axis.enable()
+            await axis.run(300)
+        report = await bus.emergency_stop()
+        turning = {sim.address for sim in (mks, tlr) if sim.moving(now())}
+        assert turning.isdisjoint(halted.address for halted in report.devices if halted.standing)
+        await asyncio.sleep(2.0)

@@ -423,6 +423,7 @@ async def test_a_run_may_replace_those_before_it(make: Make) -> None:
         begun = now()
         await last
         assert now() - begun < 1.2
+        await asyncio.sleep(0.02)  # what is measured is the mean of the 10 ms before
         assert on.rpm == pytest.approx(100, abs=5)
         on.axis.run(0, acceleration=300, replace=True)
         await on.axis.drain()

@@ -61,6 +61,7 @@ class SerialLine:
         "_cut_after",
         "_deaf",
         "_first_byte_at",
+        "_framed_at",
         "_gap_from",
         "_over_noise",
         "_turn",
@@ -113,6 +114,8 @@ class SerialLine:
         self.is_brief = False
         """What is out is part of a stop on a noisy pair: it is not waited for long, if there is noise."""
         self._brief_until = 0.0
+        self._framed_at = NEVER
+        """When the last frame was received."""
         self._gap_from = 0.0
         """Until when an answer to that may begin though there was no noise for a while."""
         self._deaf = 0.0
@@ -125,9 +128,9 @@ class SerialLine:
         return self.heard_at > self.noisy_since + _NOISE
 
     @property
-    def is_being_answered(self) -> bool:
-        """Whether what is heard looks like the begin of an answer, if a late one."""
-        return self.exchange.pending >= _BEGUN
+    def hears_noise(self) -> bool:
+        """Whether what was heard last was no answer, nor looks like the begin of one, if a late one."""
+        return self.heard_at > self._framed_at and self.exchange.pending < _BEGUN
 
     def has_noise(self, now: float) -> bool:
         """Whether there is noise now, and not a transaction."""
@@ -190,6 +193,8 @@ class SerialLine:
         if self._first_byte_at is None:
             self._first_byte_at = now
         received = self.exchange.feed(data)
+        if received:
+            self._framed_at = now
         if received and not self.is_brief:
             self.noisy_since = now  # a frame is no noise
         return received

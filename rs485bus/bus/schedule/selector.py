@@ -168,7 +168,7 @@ class Selector:
 
     def next_among_noise(self, wake: float) -> tuple[Job | None, float]:
         """The stop, or the look that confirms one, that waits for silence no longer; else when to look again."""
-        if not self._pair.is_being_answered:
+        if self._pair.hears_noise:
             self._pair.noise_at = self._clock.now
         job, again = self._queue.take(self._admit_over_noise, _STOPPING)
         return job, min(wake, again, self.waiting.for_silence(self._clock.now))

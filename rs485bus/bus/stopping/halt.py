@@ -35,10 +35,6 @@ Procedure = Generator[Wanted, Any, T]
 _FOREVER = float("inf")
 STOPS = 3
 """Stop frames sent in vain before a halt is reported as not confirmed."""
-_DEAR = 0.02
-"""Seconds from which on an exchange takes so long that a status must do where others wait."""
-_DEAREST = 0.06
-"""The same where nobody else waits: it would seem not to stand in time."""
 _UNACKNOWLEDGED = 2
 """Stops in a row without an acknowledgement after which the next one is harder."""
 _IN_TIME = 1.5
@@ -46,6 +42,8 @@ _IN_TIME = 1.5
 _MARGIN = 0.05
 _NOISY_MARGIN = 0.5
 _LOOK_EVERY = 0.02
+_LOOKS = 6
+"""Looks that one that acknowledged the stop has to be seen to stand, at least, however long each takes."""
 _BLIND = 5
 """Stops, to a device that is not heard, of which one is followed by a look."""
 _ORDERS_EVERY = 0.1
@@ -89,19 +87,18 @@ class Pacing(Protocol):
     def is_noisy(self, now: float) -> bool:
         """Whether the pair is: what is not acknowledged there was not heard, and every gap counts."""
 
+    def was_noisy_since(self, at: float) -> bool:
+        """Whether noise was in the way of a frame that was sent at a time, or came after it."""
+
     def is_cut_short(self, now: float, since: float) -> bool:
         """Whether an answer may come later than it is waited for, or not be heard for noise.
 
         Three stops prove nothing then.
         """
 
-    @property
-    def is_crowded(self) -> bool:
-        """Whether so many devices are being stopped that a status must do where a stop was acknowledged."""
-
-    @property
-    def others_wait(self) -> bool:
-        """Whether others must be fed meanwhile, or some more be stopped."""
+    def is_crowded(self, now: float) -> bool:
+        """Whether so many devices are being stopped, or others can hardly be fed, that a status must do where a stop
+        was acknowledged."""
 
     @property
     def gives_up_after(self) -> float:
@@ -170,6 +167,8 @@ class Halt:
         """Seconds that the last stop took on the wire."""
         self._said_so_at = NEVER
         """When it was last asked where its status said that it stands."""
+        self._said_over_noise = False
+        """That went out over noise, or noise came with its answer."""
         self._detector = attached.judgement(motion)
         """Decides from all that was asked since the first stop: nothing sets it in motion between two orders."""
         self._looks: dict[Request, Job] = {}
@@ -287,7 +286,7 @@ class Halt:
 
     def _see_it_stand(self, order: int, pacing: Pacing) -> Procedure[bool]:
         """Look until it stands, or until it should be told to stop once more."""
-        patience, heard = self._now + self._patience, False
+        patience, heard = self._now + self._patience, 0
         # Also where stops to others leave no turn to its looks, it is told that it was not seen to stand.
         by = max(patience, self._now + pacing.looks_wait) if self.told is None else pacing.at_the_latest(self._sent_at)
         if self._will_do(pacing):
@@ -304,13 +303,14 @@ class Halt:
                 self._now = yield settled
                 continue
             answered = look is not None and look.outcome is Outcome.REPLY
-            heard = heard or answered
+            heard += answered
             # One that was seen moving did not hear the stop: it is said again without waiting for a ramp.
             if not self._acknowledged and (standing is False or (not answered and self._is_pressing(pacing))):
                 return False
             # On a noisy pair it may well stand, and not be heard to say so.
             margin = 0.0 if heard or not pacing.is_noisy(self._now) else _NOISY_MARGIN
-            if self._now >= min(patience + margin, by):
+            goes_on = self._acknowledged and standing is None and answered and heard < _LOOKS
+            if self._now >= (by if goes_on else min(patience + margin, by)):
                 return False
             if answered or look is None or not pacing.is_noisy(self._now):
                 self._now = yield self._now + _LOOK_EVERY
@@ -359,7 +359,7 @@ class Halt:
             return None
         stands = self._detector.see(look.request, look.reply, look.answered_since)
         if stands and self._detector.by_status_alone:
-            self._said_so_at = look.answered_since
+            self._said_so_at, self._said_over_noise = look.answered_since, pacing.was_noisy_since(look.sent_at)
             return self._will_do(pacing) or None
         if stands is False:
             self._said_so_at = NEVER
@@ -369,11 +369,10 @@ class Halt:
 
     def _will_do(self, pacing: Pacing) -> bool:
         """Whether its status alone will do, which said that it stands: that it acknowledged the stop as well is enough
-        where more would take too long."""
-        slow = self._took > _DEAREST or (self._took > _DEAR and pacing.others_wait)
-        dear = slow or pacing.is_noisy(self._now) or pacing.is_crowded
+        for the owner over noise, and where many are stopped at once. Who asked for the stop looks further."""
         said_so_at = max(self._evidence_from, self.attached.may_start_until(self.motion))
-        return self._acknowledged and dear and self._said_so_at >= said_so_at
+        enough = self._said_over_noise or pacing.is_crowded(self._now)
+        return self._acknowledged and enough and self._said_so_at >= said_so_at
 
     def _tell(self, standing: bool) -> None:
         listeners, self._listeners = self._listeners, []

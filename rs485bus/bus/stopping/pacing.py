@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rs485bus.bus.line.pending import PendingReplies
-from rs485bus.bus.line.serial_line import SerialLine
+from rs485bus.bus.line.serial_line import STOP_WAITS, SerialLine
 from rs485bus.bus.stopping.halt import STOPS
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
@@ -18,8 +18,8 @@ _BRIEFEST = 0.01
 """The same once it was said that it could not be seen standing: others need the pair."""
 _FEW = 6
 """Devices that can be stopped at once with a look at two positions of each, and the last be seen to stand in time."""
-_FEW_SLOW = 3
-"""The same where an exchange takes long."""
+_FEW_AMONG_NOISE = 2
+"""The same on a noisy pair, on which a look waits for silence."""
 _IN_VAIN = 1.0
 """Seconds, at least, for which a device is stopped that may not be heard, before it is said that this was in vain."""
 
@@ -56,17 +56,16 @@ class StopPacing:
     def is_noisy(self, now: float) -> bool:
         return self._pair.was_noisy(now)
 
+    def was_noisy_since(self, at: float) -> bool:
+        return self._pair.noise_at >= at - STOP_WAITS
+
     def is_cut_short(self, now: float, since: float) -> bool:
         wait = self.reply_timeout(since, reported=False)
         return self.is_noisy(now) or (wait is not None and wait < self._unit.reply_timeout)
 
-    @property
-    def is_crowded(self) -> bool:
-        return self._stopping > _FEW
-
-    @property
-    def others_wait(self) -> bool:
-        return self._stopping > _FEW_SLOW or self._feeding.guards_others(self._unit.address)
+    def is_crowded(self, now: float) -> bool:
+        strained = self._feeding.strain.holds and self._feeding.guards_others(self._unit.address)
+        return strained or self._stopping > (_FEW_AMONG_NOISE if self.is_noisy(now) else _FEW)
 
     @property
     def _stopping(self) -> int:

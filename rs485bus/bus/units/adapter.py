@@ -19,8 +19,8 @@ class StandstillDetector(ABC):
     """Decides from what a device reports whether it stands. Made anew for every stop that is not a repetition."""
 
     by_status_alone = False
-    """It was said to stand by its status, which has been seen to lie. That will do where the stop was acknowledged.
-    Else it is asked on, until its position shows it."""
+    """It was said to stand by its status, which has been seen to lie. That will do where the stop was acknowledged,
+    and more cannot be seen in time. Else it is asked on, until its position shows it."""
     by_position_alone = False
     """It was seen to stand by its position, and its status does not say so: it may push against what holds it. That
     will do where the stop was acknowledged."""

@@ -11,8 +11,8 @@ from rs485bus.wire.frames import Request, payload
 
 
 class TlrStopJudge(StandstillDetector):
-    """It stands if its status says so and its position stays. One reply in which status and speed agree will do where
-    the stop was acknowledged.
+    """It stands if its status says so and its position stays. One reply in which status and speed agree is its status
+    alone.
 
     Args:
         reads: what may be asked, the most telling first.
@@ -34,5 +34,5 @@ class TlrStopJudge(StandstillDetector):
         if seen.moving:
             return False
         stands = seen.position is not None and self._still.verdict is True
-        self.is_weak = not stands and seen.rpm is not None
-        return True if stands or self.is_weak else None
+        self.by_status_alone = not stands and seen.rpm is not None
+        return True if stands or self.by_status_alone else None

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 
+import anyio
+
 from rs485bus.bench.verify.question import Answer, Question
 from rs485bus.devices.mks import MksServo, MotionDirection
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.values import Status
 from rs485bus.devices.mks.verify import RPM, verify_watchdog
-from rs485bus.errors import DeviceRefused
+from rs485bus.errors import DeviceRefused, MotorStalled
 from rs485bus.wire.frames import payload, write_multiple
 from rs485bus.wire.registers import Repeat
 
@@ -49,6 +51,13 @@ async def _pulses(servo: MksServo, pulses: int, speed: int) -> float:
         raise DeviceRefused(f"{servo.name} refused to move by pulses. Is its work mode a serial one (SR_...)?")
     await asyncio.sleep(0.1)
     await _stands(servo)
+    with anyio.move_on_after(_STANDS_WITHIN):
+        while servo.motion.may_move:  # until the bus has seen that as well
+            await asyncio.sleep(_POLL)
+    try:
+        servo.check_ready()
+    except MotorStalled:  # so it is told where its status sticks at full speed
+        await servo.enable()
     return abs(await _counts(servo) - before) / r.COUNTS_PER_TURN
 
 
@@ -110,6 +119,7 @@ QUESTIONS = (
         asks="To how many microsteps is it set? It cannot be asked.",
         does="turns the motor by up to ten turns, slowly, by pulses",
         ask=_microsteps,
+        assumes={"microsteps": 1},
     ),
     Question(
         name="direction",

@@ -41,6 +41,8 @@ class Question:
     """Tries it on a facade that is enabled and stands."""
     bare: bool = False
     """It is tried on a `Unit`, so that nobody feeds the drive's watchdog; it stops the motor itself."""
+    assumes: Facts = field(default_factory=dict)
+    """Options of the facade meanwhile: the widest that the answer can be, so that nothing seen is impossible."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +75,7 @@ async def ask_all(
     options: Facts = {"rpm": _RPM}
     results = []
     for question in questions:
-        async with open_drive(dict(options), question.bare) as drive:
+        async with open_drive(options | question.assumes, question.bare) as drive:
             result = await _ask(question, drive)
         if result.answer is not None:
             options |= result.answer.options

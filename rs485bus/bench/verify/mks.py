@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 
-import anyio
-
 from rs485bus.bench.verify.question import Answer, Question
 from rs485bus.devices.mks import MksServo, MotionDirection
 from rs485bus.devices.mks import registers as r
@@ -29,11 +27,11 @@ async def _counts(servo: MksServo) -> int:
 
 
 async def _stands(servo: MksServo) -> None:
-    """Wait until its position does not change any more."""
+    """Wait until its position does not change any more, and the bus has seen that as well."""
     loop = asyncio.get_running_loop()
     ends = loop.time() + _STANDS_WITHIN
     last, same = None, 0
-    while loop.time() < ends and same < 4:
+    while loop.time() < ends and (same < 4 or servo.motion.may_move):
         position = await _counts(servo)
         same = same + 1 if position == last else 0
         last = position
@@ -51,9 +49,6 @@ async def _pulses(servo: MksServo, pulses: int, speed: int) -> float:
         raise DeviceRefused(f"{servo.name} refused to move by pulses. Is its work mode a serial one (SR_...)?")
     await asyncio.sleep(0.1)
     await _stands(servo)
-    with anyio.move_on_after(_STANDS_WITHIN):
-        while servo.motion.may_move:  # until the bus has seen that as well
-            await asyncio.sleep(_POLL)
     try:
         servo.check_ready()
     except MotorStalled:  # so it is told where its status sticks at full speed

@@ -105,9 +105,9 @@ async def check_mks(draw: random.Random) -> None:
 CHECKS = {"mks": check_mks, "tlr": check_tlr, "zlac": check_zlac}
 
 
-FOUND = [("mks", 3), ("mks", 22)]
+FOUND = [("mks", 3), ("mks", 22), ("zlac", 21)]
 """A status that sticks at full speed, which the bus takes for a shaft that is held; and two microsteps, at which a raw
-motion is faster than any that the facade reckons with."""
+motion is faster than any that the facade reckons with; and a wheel that the bus stops as soon as it stands."""
 
 
 @pytest.mark.parametrize(("family", "seed"), [*((family, seed) for seed in range(2) for family in CHECKS), *FOUND])

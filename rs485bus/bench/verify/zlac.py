@@ -72,8 +72,9 @@ async def _mode_change(drive: Zlac8015d) -> Answer:
         for side in (r.TARGET_VELOCITY.left, r.TARGET_VELOCITY.right):
             await unit.write(side, 0, repeat=Repeat.SAFE)
         await unit.write(r.MODE, ControlMode.VELOCITY, repeat=Repeat.SAFE)
-        stands = await _stands(unit)
+        # Once it stands, short of where it was sent, the bus may take it for held, and stop it harder.
         word = await _word(drive)
+        stands = await _stands(unit)
     finally:
         await drive.stop()
         with contextlib.suppress(BusError):

@@ -41,7 +41,7 @@ from rs485bus.wire.diagnostics import DeviceInformation, EventCounter, EventLog
 from rs485bus.wire.private import Reply
 from rs485bus.wire.registers import Register
 from rs485bus.wire.timing import LineSettings, Parity
-from typing import Any, Generic, Unpack
+from typing import Any, Generic, Never, Unpack
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -230,7 +230,7 @@ class AxisGroup:
         TypeError: something is no axis.
     """
     axes: Mapping[str, Axis]
-    def __init__(self, **axes: Axis) -> None:
+    def __init__(self, *unnamed: Never, **axes: Axis) -> None:
         ...
     def disable(self) -> HandleOfSeveral[None]:
         """Let go of all shafts, as `Axis.disable`."""
@@ -388,7 +388,7 @@ class Bus:
         `Zlac8015d`. As `mks` otherwise.
         """
         ...
-    def group(self, **axes: Axis) -> AxisGroup:
+    def group(self, *unnamed: Never, **axes: Axis) -> AxisGroup:
         """Axes that move together, each by a name of its own. Errors are those of `AxisGroup`."""
         ...
     def vehicle(self, zlac: Zlac8015d, wheel_radius: float, track: float, **settings: Any) -> DifferentialDrive:
@@ -737,8 +737,8 @@ class DifferentialDrive:
 
     Args:
         zlac: the drive and its wheels.
-        wheel_radius: metres.
-        track: metres between the wheels where they touch the ground.
+        wheel_radius: metres, up to 5.
+        track: metres between the wheels where they touch the ground, up to 50.
         acceleration: m/s² of a wheel; None for the wheels' own.
         variance: of the way of a wheel, in m² for each metre that it goes: what slip and worn tyres make of it.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Never
 
 from rs485bus.blocking.display import show_figures, table
 from rs485bus.blocking.interrupts import blocks, calls, interrupts
@@ -97,11 +97,11 @@ class Bus(_BusFace):
 
         return self._axis(Zlac8015d, address, settings)
 
-    def group(self, **axes: Face) -> Any:
+    def group(self, *unnamed: Never, **axes: Face) -> Any:
         """Axes that move together, each by a name of its own. Errors are those of `AxisGroup`."""
         from rs485bus.motion.group.axis_group import AxisGroup
 
-        return face_class(AxisGroup)(**axes)
+        return face_class(AxisGroup)(*unnamed, **axes)
 
     def vehicle(self, zlac: Face, wheel_radius: float, track: float, **settings: Any) -> Any:
         """A vehicle on the two wheels of a ZLAC8015D. Arguments and errors are those of `DifferentialDrive`."""

@@ -53,8 +53,8 @@ class _Vehicle(BaseModel):
 
     left: str = ""
     right: str = ""
-    wheel_radius: float = Field(gt=0)
-    track: float = Field(gt=0)
+    wheel_radius: float = Field(gt=0, le=5)
+    track: float = Field(gt=0, le=50)
     acceleration: float | None = Field(default=None, gt=0)
 
 

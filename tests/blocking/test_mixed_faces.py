@@ -5,6 +5,7 @@ import gc
 import pytest
 
 from rs485bus import AxisGroup, DifferentialDrive, MksServo, Plant, Zlac8015d, blocking, open_bus
+from rs485bus.errors import LimitExceeded
 from rs485bus.plant import PlantFile
 from rs485bus.sim import SimMks, SimZlac, VirtualLine
 from tests.integration.support import virtual
@@ -80,3 +81,15 @@ def test_completion_offers_the_public_names_alone() -> None:
     assert not {"block", "mirror", "Any", "face_class"} & set(dir(blocking))
     assert {"MksServo", "blocking", "errors"} <= set(dir(rs485bus))
     assert not {"Any", "import_module", "TYPE_CHECKING"} & set(dir(rs485bus))
+
+
+@virtual
+async def test_lengths_in_millimetres_and_axes_without_names_are_told_how_they_are_given() -> None:
+    async with open_bus(line()) as bus:
+        base, x = Zlac8015d(bus, 3), MksServo(bus, 1)
+        with pytest.raises(LimitExceeded, match=r"in metres, up to 5, not 85: 85 mm are 0.085 m"):
+            DifferentialDrive(base, 85, 0.4)
+        with pytest.raises(LimitExceeded, match=r"track is in metres"):
+            DifferentialDrive(base, 0.085, 400)
+        with pytest.raises(TypeError, match=r"bus.group\(x=x, y=y\)"):
+            AxisGroup(x)  # type: ignore[arg-type]

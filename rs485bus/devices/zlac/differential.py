@@ -16,11 +16,13 @@ from rs485bus.devices.zlac.odometry import Odometry, OdometrySample, Pose
 from rs485bus.devices.zlac.streams import PairSetpoint, PairStream
 from rs485bus.devices.zlac.together import Both
 from rs485bus.devices.zlac.zlac import Zlac8015d
-from rs485bus.errors import DeviceOffline, NoReply, ReferenceLost
+from rs485bus.errors import DeviceOffline, LimitExceeded, NoReply, ReferenceLost
 from rs485bus.motion.pace import Pace
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.streaming import Speeds
 
+_LARGEST_WHEEL, _WIDEST = 5.0, 50.0
+"""Metres."""
 _MARGIN = 1.5
 _SLACK = 0.25
 """Turns that a wheel may have turned in no time at all."""
@@ -90,6 +92,16 @@ class VehicleStream(AsyncBlock):
         return await self._stream.__aexit__(kind, error, trace)
 
 
+def _metres(name: str, value: float, most: float) -> float:
+    """A length, which is not given in millimetres."""
+    metres = positive(name, value)
+    if metres > most:
+        raise LimitExceeded(
+            f"{name} is in metres, up to {most:g}, not {metres:g}: {metres:g} mm are {metres / 1000:g} m."
+        )
+    return metres
+
+
 class DifferentialDrive:
     """Drives a vehicle and knows where it is.
 
@@ -100,8 +112,8 @@ class DifferentialDrive:
 
     Args:
         zlac: the drive and its wheels.
-        wheel_radius: metres.
-        track: metres between the wheels where they touch the ground.
+        wheel_radius: metres, up to 5.
+        track: metres between the wheels where they touch the ground, up to 50.
         acceleration: m/s² of a wheel; None for the wheels' own.
         variance: of the way of a wheel, in m² for each metre that it goes: what slip and worn tyres make of it.
     """
@@ -116,8 +128,8 @@ class DifferentialDrive:
         variance: float = 1e-4,
     ) -> None:
         self.zlac = instance("zlac", zlac, Zlac8015d, "Zlac8015d(bus, 1), the drive of both wheels")
-        self.wheel_radius = positive("wheel_radius", wheel_radius)
-        self.track = positive("track", track)
+        self.wheel_radius = _metres("wheel_radius", wheel_radius, _LARGEST_WHEEL)
+        self.track = _metres("track", track, _WIDEST)
         self._variance = real("variance", variance)
         self._acceleration = None if acceleration is None else self._rpm(real("acceleration", acceleration))
         self._begin = Pose()

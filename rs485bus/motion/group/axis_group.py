@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import copy
 from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Never, TypeVar
 
 from rs485bus.arguments import elsewhere, positive
 from rs485bus.bus.handle import Handle
@@ -190,7 +190,9 @@ class AxisGroup:
         TypeError: something is no axis.
     """
 
-    def __init__(self, **axes: GroupAxis) -> None:
+    def __init__(self, *unnamed: Never, **axes: GroupAxis) -> None:
+        if unnamed:
+            raise TypeError("each axis of a group has a name: AxisGroup(x=x, y=y), or bus.group(x=x, y=y)")
         if not axes:
             raise ValueError("a group needs axes: AxisGroup(x=..., y=...)")
         names: dict[GroupAxis, str] = {}

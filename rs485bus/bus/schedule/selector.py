@@ -7,6 +7,7 @@ else instead.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 from rs485bus.bus.clock import Clock
@@ -220,7 +221,7 @@ class Selector:
         units, self._gate.held_up = self._gate.held_up, set()
         ready = None
         for unit in units:
-            job = question_for(unit, self._clock.now, lambda read, unit=unit: self._is_in_the_way(unit, read))  # type: ignore[misc]
+            job = question_for(unit, self._clock.now, functools.partial(self._is_in_the_way, unit))
             if job is None:
                 continue
             if ready is None and self._admit(job) == READY:

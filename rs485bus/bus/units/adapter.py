@@ -64,7 +64,7 @@ class WatchdogRegister(ABC):
 
     def decode(self, reply: bytes) -> int:
         """The milliseconds in such a reply."""
-        raise NotImplementedError
+        raise NotImplementedError  # who cannot be asked has no replies
 
     def set_by(self, request: Request) -> int | None:
         """The milliseconds that a request would set it to; None if it would not."""

@@ -25,12 +25,11 @@ from rs485bus.cli.options import (
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
-# typer reads these at run time.
 Value = Annotated[
-    Optional[float],  # noqa: UP045
+    Optional[float],  # noqa: UP045 - typer reads it
     typer.Argument(help="The position, the distance or the speed (rpm), where the verb takes one."),
 ]
-Number = Optional[float]  # noqa: UP045
+Number = Optional[float]  # noqa: UP045 - typer reads it
 
 
 @app.command(context_settings={"ignore_unknown_options": True})

@@ -31,6 +31,12 @@ async def stepper_on(
     assert line.pair.early_frames == 0
 
 
+def restart_at_once(sim: SimTlr) -> None:
+    """The supply breaks down for a moment; the drive answers again when it is asked."""
+    sim.power_cycle(now())
+    sim._ready_at = 0.0
+
+
 def lose(
     sim: SimTlr,
     register: int,

@@ -20,7 +20,7 @@ from rs485bus.errors import (
     StopUnconfirmed,
 )
 from rs485bus.sim import Noise, SimTlr
-from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on, writes
+from tests.devices.tlr.support import TRIGGERS, lose, now, restart_at_once, stepper_on, writes
 from tests.integration.support import virtual
 
 CONTROL = r.CONTROL.address
@@ -175,12 +175,7 @@ async def test_a_restart_while_the_target_is_written_starts_nothing(block: bool)
         await x.move_to(0.5)
         await x.set_zero()
         at, function = (r.POSITIONING.address, 16) if block else (r.TARGET.address + 1, 6)
-
-        def restart(now: float) -> None:
-            sim.power_cycle(now)
-            sim._ready_at = 0.0
-
-        lose(sim, at, heard=False, function=function, after=restart)
+        lose(sim, at, heard=False, function=function, after=lambda at: restart_at_once(sim))
         moves = sim.moves
         with pytest.raises(ReferenceLost if block else (ReferenceLost, DeviceRefused)):
             await x.move_to(0.3)
@@ -245,12 +240,7 @@ async def test_a_drive_that_restarted_at_the_trigger_does_not_travel(
         x.enable()
         x.move_to(1.0)
         await x.move_to(begins_at)
-
-        def restart(now: float) -> None:
-            sim.power_cycle(now)
-            sim._ready_at = 0.0
-
-        lose(sim, CONTROL, heard=True, value=3, after=restart)
+        lose(sim, CONTROL, heard=True, value=3, after=lambda at: restart_at_once(sim))
         moves = sim.moves
         shaft = sim.shaft(now())
         with pytest.raises((ReferenceLost, OutcomeUnknown)):

@@ -23,7 +23,7 @@ from rs485bus.errors import (
 from rs485bus.motion.move import Move
 from rs485bus.sim import SimTlr, TlrMachine
 from rs485bus.wire.frames import crc
-from tests.devices.tlr.support import lose, now, stepper_on, writes
+from tests.devices.tlr.support import lose, now, restart_at_once, stepper_on, writes
 from tests.integration.support import virtual
 
 CONTROL = r.CONTROL.address
@@ -35,12 +35,6 @@ VERBS: dict[str, Callable[[TlrStepper], Move]] = {
     "timed run": lambda x: x.run(300, duration=20.0),
     "home": lambda x: x.home(Homing(mode=HomingMode.POSITIVE_ORIGIN, rpm=300)),
 }
-
-
-def restart_at_once(sim: SimTlr) -> None:
-    """The supply breaks down for a moment; the drive answers again when it is asked."""
-    sim.power_cycle(now())
-    sim._ready_at = 0.0
 
 
 def refuse(sim: SimTlr, function: int, times: int, code: int = 4) -> None:

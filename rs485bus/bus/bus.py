@@ -21,7 +21,7 @@ from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.shutdown import Shutdown
 from rs485bus.bus.stopping.halt import Halted, Procedure
-from rs485bus.bus.unit import Broadcast, Unit
+from rs485bus.bus.unit import Broadcast, Unit, Units
 from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
 from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.unseen import Unseen
@@ -68,7 +68,7 @@ class Bus:
         self._port = Port(transport, self._owner, self._pump, config)
         self._requests = Requests(self._owner, self._port, self.submit)
         self._shutdown = Shutdown(self._owner, self._pump, self._port, self._loop, config)
-        self._units: dict[int, Unit] = {}
+        self._units = Units(self)
         self._unseen = Unseen(self._loop)
         self._kept: dict[type, object] = {}
         self._emergency: Handle[EmergencyReport] | None = None
@@ -103,8 +103,7 @@ class Bus:
             ValueError, TypeError: an argument out of its range, or of a wrong type.
             WatchdogInfeasible: a guarded device could not be waited for as long as that while a watchdog is armed.
         """
-        unit = Unit(self, address, allow_reserved_address=allow_reserved_address)
-        unit = self._units.setdefault(unit.address, unit)
+        unit = self._units.at(address, allow_reserved_address)
         unit.adjust(reply_timeout, pause, probe)
         return unit
 

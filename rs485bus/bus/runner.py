@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable
 
 from rs485bus.bus.owner import Owner
-from rs485bus.transport.clock import Suspensions
+from rs485bus.transport.clock import Suspensions, clock_of
 from rs485bus.transport.interface import Transport
 
 _log = logging.getLogger("rs485bus")
@@ -33,6 +33,7 @@ class OwnerRunner:
         self._owner = owner
         self._transport = transport
         self._loop = loop
+        self._time = clock_of(loop)
         self.drop: Callable[[str], None] = lambda reason: transport.abort()
         """Gives the connection up, for a reason."""
         self._ask: Callable[[bytes, object], None] | None = getattr(transport, "ask", None)
@@ -52,7 +53,7 @@ class OwnerRunner:
         # Who is told of a reply may ask for more: that goes out when all bytes are understood.
         running, self._running = self._running, True
         try:
-            self._owner.feed(data, self._loop.time())
+            self._owner.feed(data, self._time())
         finally:
             self._running = running
         self.look()
@@ -61,10 +62,10 @@ class OwnerRunner:
         """A frame came in, with a number that tells which job it answers; None where that is not known."""
         job = self._owner.pair.job
         if job is not None and job is asked:
-            self._owner.pair.is_out(self._loop.time())
+            self._owner.pair.is_out(self._time())
             self.received(frame)
         else:
-            self._owner.feed_late(frame, asked, self._loop.time())
+            self._owner.feed_late(frame, asked, self._time())
             self.look()
 
     def look(self) -> None:
@@ -72,7 +73,7 @@ class OwnerRunner:
         if self._running:
             self.run()
             return
-        wake, now = self._owner.wake, self._loop.time()
+        wake, now = self._owner.wake, self._time()
         if wake <= now:
             self.run()
         else:
@@ -84,12 +85,12 @@ class OwnerRunner:
             self._again = True  # asked for from within: the loop below comes round again
             return
         self._running = True
-        owner, transport, loop, suspensions = self._owner, self._transport, self._loop, self._suspensions
+        owner, transport, clock, suspensions = self._owner, self._transport, self._time, self._suspensions
         try:
             while True:
                 self._again = False
                 ahead = suspensions.clock()
-                now = loop.time()
+                now = clock()
                 ahead -= now
                 if ahead > suspensions.limit and self._was_suspended(suspensions.take(ahead)):
                     return
@@ -105,9 +106,9 @@ class OwnerRunner:
                 frame = owner.tick(now, self._alarm.lead)
                 if frame is not None:
                     if self._woken and self._wakes_at < quiet_at:
-                        self._alarm.learn(loop.time() - quiet_at)
+                        self._alarm.learn(clock() - quiet_at)
                         self._woken = False
-                    while loop.time() < owner.send_at:
+                    while clock() < owner.send_at:
                         pass  # less than the alarm's lead
                     if self._ask is None:
                         transport.write(frame)
@@ -118,7 +119,7 @@ class OwnerRunner:
             self._set_alarm(owner.wake, now)
         except BaseException:
             # A second Ctrl-C, say, in the middle of this: what stops motors must go on.
-            loop.call_soon(self.run)
+            self._loop.call_soon(self.run)
             raise
         finally:
             self._running = False

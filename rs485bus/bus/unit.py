@@ -259,6 +259,26 @@ def _seconds(name: str, value: float, low: float, high: float) -> float:
     return number
 
 
+class Units:
+    """The units of a bus: one for an address, however often it is asked for.
+
+    Args:
+        bus: whose they are.
+    """
+
+    def __init__(self, bus: BusProtocol) -> None:
+        self._bus = bus
+        self._units: dict[int, Unit] = {}
+
+    def at(self, address: int, allow_reserved_address: bool) -> Unit:
+        """The unit at an address: see `bus.unit`."""
+        unit = self._units.get(address) if type(address) is int and address <= MAX_ADDRESS else None
+        if unit is None or allow_reserved_address is not False:
+            unit = Unit(self._bus, address, allow_reserved_address=allow_reserved_address)
+            unit = self._units.setdefault(unit.address, unit)
+        return unit
+
+
 class Broadcast:
     """Writes to every device on the pair. Nobody answers, so nobody knows who heard it.
 

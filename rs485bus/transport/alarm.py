@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from rs485bus.transport.clock import clock_of
+
 _CLOCK_MONOTONIC = 1
 _ABSOLUTE = 1
 _NONBLOCK_CLOEXEC = 0o4000 | 0o2000000
@@ -83,6 +85,7 @@ class TimerfdAlarm:
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
         self._loop = loop
+        self._time = clock_of(loop)
         self._callback = callback
         self._fd = _create()
         self._when = _FOREVER
@@ -117,7 +120,7 @@ class TimerfdAlarm:
             self._stop_looking()
 
     def _watch_for(self, when: float) -> None:
-        if when > self._loop.time() + 2 * _FAR:
+        if when > self._time() + 2 * _FAR:
             self._stop_looking()
             self._looks_at = when - _FAR
             self._look = self._loop.call_at(self._looks_at, self._look_again)
@@ -147,7 +150,7 @@ class TimerfdAlarm:
             return  # it was set anew after it had become readable
         self._armed_at = _FOREVER
         when = self._when
-        if when > self._loop.time():
+        if when > self._time():
             if when < self._looks_at + _FAR:
                 self._watch_for(when)
             return

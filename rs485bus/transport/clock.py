@@ -1,4 +1,4 @@
-"""How long the computer was suspended. The event loop's clock stands still meanwhile, and the drives do not."""
+"""The event loop's clock; and how long the computer was suspended: it stands still then, and the drives do not."""
 
 from __future__ import annotations
 
@@ -10,6 +10,12 @@ from functools import partial
 
 NOTICED = 0.1
 """Seconds from which on a suspension is one."""
+
+
+def clock_of(loop: asyncio.AbstractEventLoop) -> Callable[[], float]:
+    """`loop.time`, or what it calls and nothing else, which costs half as much. Virtual loops have their own."""
+    plain = type(loop).time is asyncio.BaseEventLoop.time and "time" not in vars(loop)
+    return time.monotonic if plain else loop.time
 
 
 class Suspensions:

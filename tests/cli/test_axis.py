@@ -248,9 +248,10 @@ async def test_a_wrong_work_mode_is_named_with_the_command_that_sets_it(
 
 def test_vv_shows_each_frame_and_the_usual_is_quiet() -> None:
     assert invoke("axis", "tlr3", "status", "--sim").stderr == ""
-    loud = invoke("axis", "tlr3", "status", "--sim", "-vv").stderr
-    assert "03 03 00 23 00 01" in loud
-    assert invoke("-vv", "axis", "tlr3", "status", "--sim").stderr.count("unit 3") == loud.count("unit 3")
+    for words in (("axis", "tlr3", "status", "--sim", "-vv"), ("-vv", "axis", "tlr3", "status", "--sim")):
+        loud = invoke(*words).stderr
+        # How often it is looked at until it was seen to stand depends on this machine.
+        assert "03 03 00 23 00 01" in loud and loud.count("unit 3") > 5
 
 
 def test_only_with_debug_is_there_a_traceback(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -301,13 +301,13 @@ class Bus:
 
     def submit(self, job: Job) -> None:
         """Put a job into the queue; it goes out at once if the wire is free."""
-        self.check_thread()
+        self._guard.check()
         self._owner.submit(job, self._loop.time())
         self._pump.look()
 
-    async def ask(self, request: Request, **options: Unpack[AskOptions]) -> bytes:
-        """Send a request; return the frame that answers it. See `Requests.ask`."""
-        return await self._requests.ask(request, **options)
+    def ask(self, request: Request, **options: Unpack[AskOptions]) -> Coroutine[Any, Any, bytes]:
+        """Send a request; the coroutine returns the frame that answers it. See `Requests.ask`."""
+        return self._requests.ask(request, **options)
 
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Unpack
+from collections.abc import Callable, Coroutine
+from typing import Any, Unpack
 
 from rs485bus.arguments import choice
 from rs485bus.bus.functions import RequestOptions
@@ -22,8 +22,8 @@ class DiagnosticFunctions(ABC):
     highest: int
 
     @abstractmethod
-    async def ask(self, request: Request, options: RequestOptions) -> bytes:
-        """Send a request; return the frame that answers it."""
+    def ask(self, request: Request, options: RequestOptions) -> Coroutine[Any, Any, bytes]:
+        """Send a request; the coroutine returns the frame that answers it."""
 
     @abstractmethod
     def share_time(self, options: RequestOptions) -> Callable[[], RequestOptions]:

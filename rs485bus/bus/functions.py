@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from typing import TypedDict, Unpack
+from collections.abc import Callable, Coroutine, Sequence
+from typing import Any, TypedDict, Unpack
 
 from rs485bus.bus.readback import coils_read_back, files_read_back, mask_read_back
 from rs485bus.bus.schedule.job import Urgency
@@ -41,8 +41,11 @@ class DataFunctions(ABC):
     """The highest address that it may have: 247, or 255 where reserved ones were allowed."""
 
     @abstractmethod
-    async def ask(self, request: Request, options: RequestOptions, read_back: ReadBack | None = None) -> bytes:
-        """Send a request; return the frame that answers it. `read_back` is for what is repeated by VERIFY."""
+    def ask(
+        self, request: Request, options: RequestOptions, read_back: ReadBack | None = None
+    ) -> Coroutine[Any, Any, bytes]:
+        """Send a request; the coroutine returns the frame that answers it. `read_back` is for what is repeated by
+        VERIFY."""
 
     # Coils and discrete inputs
 

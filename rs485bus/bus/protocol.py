@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, TypeVar, Unpack
 
 from rs485bus.bus.config import BusConfig
@@ -53,5 +53,5 @@ class BusProtocol(Protocol):
     def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
         """Have the owner carry out a procedure that nothing can cancel."""
 
-    async def ask(self, request: Request, **options: Unpack[AskOptions]) -> bytes:
-        """Send a request; return the frame that answers it."""
+    def ask(self, request: Request, **options: Unpack[AskOptions]) -> Coroutine[Any, Any, bytes]:
+        """Send a request; the coroutine returns the frame that answers it."""

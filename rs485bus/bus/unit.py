@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any, Final, Literal, TypeVar, Unpack, overload
 
 from rs485bus.arguments import choice, flag, instance, real
@@ -176,11 +176,14 @@ class Unit(DataFunctions, DiagnosticFunctions):
 
     # How
 
-    async def ask(self, request: Request, options: RequestOptions, read_back: ReadBack | None = None) -> bytes:
-        """Send a request; return the frame that answers it. `read_back` is for what is repeated by VERIFY."""
+    def ask(
+        self, request: Request, options: RequestOptions, read_back: ReadBack | None = None
+    ) -> Coroutine[Any, Any, bytes]:
+        """Send a request; the coroutine returns the frame that answers it. `read_back` is for what is repeated by
+        VERIFY."""
         if not options:
             repeat = Repeat.NEVER if request.writes else Repeat.SAFE
-            return await self._bus.ask(request, repeat=repeat, moves=request.writes)
+            return self._bus.ask(request, repeat=repeat, moves=request.writes)
         unknown = options.keys() - _OPTIONS
         if unknown:
             known = ", ".join(f"{name}=" for name in sorted(_OPTIONS))
@@ -195,7 +198,7 @@ class Unit(DataFunctions, DiagnosticFunctions):
             )
         timeout, reply_timeout = options.get("timeout"), options.get("reply_timeout")
         pause = options.get("pause")
-        return await self._bus.ask(
+        return self._bus.ask(
             request,
             urgency=choice("urgency", options.get("urgency", Urgency.COMMAND), Urgency),
             timeout=None if timeout is None else real("timeout", timeout),

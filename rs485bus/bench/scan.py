@@ -15,7 +15,7 @@ import anyio
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.opening import open_bus
+from rs485bus.bus.opening import Opening, open_bus
 from rs485bus.errors import DeviceOffline, DeviceRefused, NoReply, PortError
 from rs485bus.plant.families import families
 from rs485bus.plant.family import Family, Sign
@@ -47,6 +47,13 @@ _SOME_SECONDS = 1.0
 def port_for(port: PortOf, line: LineSettings) -> str | Transport:
     """What `open_bus` is given for some line settings."""
     return port if isinstance(port, str) else port(line)
+
+
+def open_line(port: PortOf, line: LineSettings, config: BusConfig) -> Opening:
+    """A bus on a port that is set to some line settings."""
+    return open_bus(
+        port_for(port, line), baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, config=config
+    )
 
 
 class Format(NamedTuple):
@@ -190,14 +197,7 @@ class Scan:
     async def _one_line(self, rate: int, form: Format, addresses: Sequence[int], progress: Progress) -> None:
         settings = LineSettings(baudrate=rate, parity=form.parity, stopbits=form.stopbits)
         config = BusConfig(reply_timeout=_PATIENT, late_reply_window=_PATIENT, retries=0, offline_after=100)
-        opening = open_bus(
-            port_for(self.port, settings),
-            baudrate=settings.baudrate,
-            parity=settings.parity,
-            stopbits=settings.stopbits,
-            config=config,
-        )
-        async with opening as bus:
+        async with open_line(self.port, settings, config) as bus:
             look = _Look(bus, addresses, progress, self.tell)
             async for address, garbled in look.answering():
                 found = await recognise(bus, address, settings.baudrate, form)

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import anyio
 
-from rs485bus.bench.scan import Format, Found, PortOf, port_for, recognise
+from rs485bus.bench.scan import Format, Found, PortOf, open_line, port_for, recognise
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.opening import Opening, open_bus
+from rs485bus.bus.opening import Opening
 from rs485bus.devices import mks, tlr, zlac
 from rs485bus.devices.mks import provisioning
 from rs485bus.devices.mks.provisioning import Place, Provisioned
@@ -122,10 +122,7 @@ class NewDrive:
         return LineSettings(baudrate=baudrate, parity=self.format.parity, stopbits=self.format.stopbits)
 
     def _open(self, baudrate: int) -> Opening:
-        line = self._line(baudrate)
-        return open_bus(
-            port_for(self.port, line), baudrate=baudrate, parity=line.parity, stopbits=line.stopbits, config=_PATIENT
-        )
+        return open_line(self.port, self._line(baudrate), _PATIENT)
 
     async def _change(self, new: Place, power_cycle: PowerCycle) -> Provisioned:
         old = self.place

@@ -11,11 +11,10 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from rs485bus.bench.scan import Format, PortOf, ask, port_for
+from rs485bus.bench.scan import Format, PortOf, ask, open_line
 from rs485bus.bench.setup import NewDrive, PowerCycle
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.opening import open_bus
 from rs485bus.bus.record import Record
 from rs485bus.errors import BusError, NoReply, RequestFailed
 from rs485bus.plant.families import families
@@ -186,10 +185,7 @@ class Tuning:
     async def _trial(self, line: LineSettings, config: BusConfig) -> Trial:
         """Ask all drives again and again, without a pause, until enough was asked or something is lost."""
         config = replace(config, retries=0, offline_after=100, reply_timeout=_FIRST_WAIT, late_reply_window=0.1)
-        opening = open_bus(
-            port_for(self.port, line), baudrate=line.baudrate, parity=line.parity, stopbits=line.stopbits, config=config
-        )
-        async with opening as bus:
+        async with open_line(self.port, line, config) as bus:
             records: list[Record] = []
             end = bus.subscribe(records.append)
             outcomes = await asyncio.gather(*(self._ask(bus, address) for address in self.drives))

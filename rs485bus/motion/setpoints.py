@@ -326,4 +326,6 @@ class SetpointStream(AsyncBlock):
             if error is not None and not move.done():
                 self._stop()
             move.seen = True
+        if isinstance(error, MoveCancelled):
+            await self._stopped()  # it has ended for whoever hears of that: so it stands
         return False

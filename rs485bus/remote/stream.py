@@ -95,7 +95,12 @@ class RemoteStream(AsyncBlock):
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop, and see it stand."""
+        """Stop, and see it stand; that is so where somebody else has stopped it, too: the service says so then.
+
+        Raises:
+            StopUnconfirmed: it was not seen to stand.
+            MotionError, RequestFailed: what it has failed of.
+        """
         handle = self._handle
         assert handle is not None
         if not handle.done() and handle.request is not None:
@@ -107,7 +112,7 @@ class RemoteStream(AsyncBlock):
                 self._outbox.stop(self._moves, everything=False).seen = True
         handle.seen = True
         if error is None:
-            with contextlib.suppress(MoveCancelled):  # somebody stopped it
+            with contextlib.suppress(MoveCancelled):  # somebody stopped it, and it stands
                 await handle.wait()
 
     async def _begun(self, handle: RemoteMove[None]) -> None:

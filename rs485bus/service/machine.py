@@ -183,7 +183,7 @@ class Machine:
                 if self._streams.get(order.name) is stream:
                     del self._streams[order.name]
 
-        return Performance(run)
+        return Performance(run, cancel=lambda: stream.end(MoveCancelled(f"The stream of {order.name} was cancelled.")))
 
     def _leave(self, order: Order) -> Performance:
         assert isinstance(order.arguments, verbs.EndStream)
@@ -244,7 +244,13 @@ class OpenStream:
         self._stale: asyncio.TimerHandle | None = None
 
     async def run(self) -> None:
-        """Set what comes, until the end."""
+        """Set what comes, until the end; where it was stopped, until what it moves was seen standing.
+
+        Raises:
+            MoveCancelled: it was stopped, and stands.
+            StopUnconfirmed: it was stopped, and not seen to stand.
+            MotionError, RequestFailed: what it has failed of.
+        """
         try:
             async with self._block as setpoint:
                 self._set = setpoint

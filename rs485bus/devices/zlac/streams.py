@@ -144,6 +144,8 @@ class PairStream(AsyncBlock):
             move._kept_open_by = None
         if error is not None:
             self._give_up()
+            if isinstance(error, MoveCancelled):
+                await self._stopped()  # it has ended for whoever hears of that: so they stand
             return False
         self._end()
         try:
@@ -154,9 +156,12 @@ class PairStream(AsyncBlock):
         errors = [each for each in ended if isinstance(each, BusError) and not isinstance(each, MoveCancelled)]
         if errors:
             raise errors[0]
-        for wheel in self._wheels:
-            await wheel._stops.stopped()  # where somebody else has stopped them
+        await self._stopped()  # where somebody else has stopped them
         return False
+
+    async def _stopped(self) -> None:
+        for wheel in self._wheels:
+            await wheel._stops.stopped()
 
     async def _begin(self, speeds: dict[int, float]) -> Streamer:
         """Both wheels are ready, and have these speeds."""

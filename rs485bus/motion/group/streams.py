@@ -138,9 +138,12 @@ class GroupStream(AsyncBlock):
     ) -> bool | None:
         setpoint = self._setpoint
         assert setpoint is not None
-        if error is None:
-            for stream in self._streams.values():
+        for axis, stream in zip(self._axes.values(), self._streams.values(), strict=True):
+            if error is None:
                 stream.end()  # all at once
+            elif not stream.over:
+                with contextlib.suppress(BusError):  # it is stopped all the same when its own block is left
+                    axis.stop()
         try:
             return await self._stack.__aexit__(kind, error, trace)
         finally:

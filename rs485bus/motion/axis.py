@@ -103,7 +103,7 @@ class Axis:
         self._was_interrupted, self.abandon = self._stops.interrupted, self._stops.abandon
         self.left_alone = functools.partial(supervisor.absent, number)  # to see what its watchdog does then
         self._executor = MoveExecutor(bus, drive, number, name, self._stops, supervisor)
-        self._runs = RunExecutor(bus, drive, number, name, self._executor, supervisor)
+        self._runs = RunExecutor(bus, drive, number, name, self._executor, self._stops, supervisor)
         parts = scale, self._stops, self._executor, self._runs
         self._commands = AxisCommands(bus, drive, name, *parts, position=self.position, check_ready=self.check_ready)
         self._streams = StreamExecutor(bus, drive, number, name, scale, self._runs, supervisor, self._events.tell)

@@ -335,7 +335,7 @@ class Drive(DeviceAdapter):
         axis = self.state.axes[number]
         axis.change(effect.changes, at)
         if effect.fastest is not None:
-            axis.start(_OVERSHOOT * effect.fastest / 60 * self.ability(number).counts_per_turn)
+            axis.start(_OVERSHOOT * effect.fastest / 60 * self.ability(number).counts_per_turn, at)
         if Fact.RUNNING in effect.changes or effect.holds is False:
             axis.keeps = effect.keeps
         if effect.stops:

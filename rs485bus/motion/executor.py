@@ -22,7 +22,7 @@ from rs485bus.errors import (
     RearmRequired,
     RequestFailed,
 )
-from rs485bus.motion.carrier import PlanCarrier, Task
+from rs485bus.motion.carrier import PlanCarrier
 from rs485bus.motion.courses import Course, MoveCourse, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
@@ -37,6 +37,7 @@ from rs485bus.motion.retargeting import Change, Retargeting
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor, Told
+from rs485bus.motion.task import Task
 
 _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""
@@ -287,11 +288,9 @@ class MoveExecutor:
         """Wait for the end of a routine of the drive's own."""
         assert move.started_at is not None
         move.state = MoveState.MOVING
+        begun = self.short(move), self._state, move.started_at, self._drive.start_grace
         course = HomingCourse(
-            self.short(move),
-            self._state,
-            move.started_at,
-            self._drive.start_grace,
+            *begun,
             done=step.done,
             watch=self._drive.tells(*step.watch),
             timeout=step.timeout,

@@ -163,6 +163,13 @@ class RunProfile:
             turns += math.copysign(abs(speed) * down - self._fallen(down), speed) / _MINUTE
         return turns
 
+    def seconds_to(self, turns: float) -> float:
+        """How long it takes to come so far from a stand, either way."""
+        way, rpm = abs(turns) * _MINUTE, abs(self.rpm)
+        if way <= rpm * self.ramp / 2:
+            return math.sqrt(2 * way / self.rate)
+        return way / rpm + self.ramp / 2
+
     def _speed_after(self, seconds: float) -> float:
         if seconds >= self.ramp:
             return self.rpm

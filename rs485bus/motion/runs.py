@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+import anyio
 
 from rs485bus.bus.bus import Bus
-from rs485bus.errors import LimitReached, MotionError, MoveFailed
-from rs485bus.motion.carrier import Task
+from rs485bus.errors import BusError, LimitReached, MotionError, MoveFailed
 from rs485bus.motion.courses import Course, RunCourse, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.executor import MoveExecutor
@@ -18,10 +20,14 @@ from rs485bus.motion.plan import Plan
 from rs485bus.motion.profile import RunProfile
 from rs485bus.motion.run_limits import RunLimits
 from rs485bus.motion.state import Fact
+from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.task import Task
 
 _WAY, _WAY_TIME = 0.05, 0.1
 """By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""
+_AT_ONCE = 0.01
+"""Seconds between a start and its repetition that make no difference."""
 
 
 class RunExecutor:
@@ -33,17 +39,26 @@ class RunExecutor:
         axis: which one of the drive it is.
         name: names it in messages.
         executor: carries out its moves, and what runs have in common with them.
+        stops: stops it.
         supervisor: looks at it.
     """
 
     def __init__(
-        self, bus: Bus, drive: Drive, axis: int, name: str, executor: MoveExecutor, supervisor: Supervisor
+        self,
+        bus: Bus,
+        drive: Drive,
+        axis: int,
+        name: str,
+        executor: MoveExecutor,
+        stops: StopControl,
+        supervisor: Supervisor,
     ) -> None:
         self._bus = bus
         self._drive = drive
         self._axis = axis
         self._name = name
         self._executor = executor
+        self._stops = stops
         self._supervisor = supervisor
         self._state = drive.state.axes[axis]
         self._overtaken = False
@@ -68,11 +83,16 @@ class RunExecutor:
         since = self._state.known(Fact.POSITION).at
         if limits is not None and rpm and not (start < limits[1] if rpm > 0 else start > limits[0]):
             raise LimitReached(f"{self._name} stands at the end of its limits already, and can only run the other way.")
-        await self._run_off(task, rpm, parameters, ticks)
-        assert move.started_at is not None
+        if duration is None or ticks is not None or not rpm:
+            await self._run_off(task, rpm, parameters, ticks)
+        else:
+            await self._run_for(task, rpm, parameters, duration)
         rate = min(parameters.acceleration, parameters.slowing_down)
         profile = RunProfile(rpm, rate, task.before, duration)
         counts_per_turn = self._drive.ability(self._axis).counts_per_turn
+        if duration is not None and ticks is None and rpm:
+            move.started_at = await self._began_at(task, profile, counts_per_turn)
+        assert move.started_at is not None
         course = RunCourse(
             self._executor.short(move),
             self._state,
@@ -86,22 +106,18 @@ class RunExecutor:
         if duration is None or not rpm:
             await self._executor.see_it_end(move, course, reached=self._overtaken)
             return self._seen_at
+        drift = task.before * (move.started_at - since) / 60
         if ticks is not None:
             await self._executor.see_it_end(move, course)
         else:
-
-            async def end_it() -> None:
-                await self._run_off(Task(move, start=task.start, rpm=0.0, before=rpm), 0.0, parameters, None)
-
-            await self._executor.see_it_end(move, course, move.started_at + duration, end_it)
-        went = self._state.rule.moved(task.start or 0, self._state.value(Fact.POSITION)) / counts_per_turn
-        wanted = task.before * (move.started_at - since) / 60 + profile.turns_after(profile.ends_after)
-        if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(rpm) / 60):
-            what, remedy = self._executor.short(move), self._drive.what_else(self._axis)
-            raise MoveFailed(
-                f"{self._name} went {went:.3f} turns in its {what} for {duration:g} s, and should have gone "
-                f"{wanted:.3f}. {remedy}"
-            )
+            try:
+                await self._executor.see_it_end(move, course, move.started_at + duration, self._slow_down)
+            except MoveFailed as error:
+                if type(error) is MoveFailed:
+                    # Where its ramp was not acknowledged, it was stopped harder at the end: how far it went says more.
+                    self._check_way(task, course, drift)
+                raise
+        self._check_way(task, course, drift)
         return self._seen_at
 
     def overtake(self) -> None:
@@ -164,6 +180,66 @@ class RunExecutor:
             (rpm, parameters),
             self._drive.run_all,
         )
+
+    def _check_way(self, task: Task, course: RunCourse, drift: float) -> None:
+        """Raise `MoveFailed` where a run for a time has not gone as far as it should have, and some turns that it went
+        before it was told."""
+        state, profile = self._state, course.profile
+        counts = state.rule.moved(task.start or 0, state.last(Fact.POSITION).value)
+        went = counts / self._drive.ability(self._axis).counts_per_turn
+        wanted = drift + profile.turns_after(profile.ends_after)
+        if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(profile.rpm) / 60):
+            halted_by = self._drive.halted_by(self._axis)
+            why = f": {halted_by}" if halted_by else f". {self._drive.what_else(self._axis)}"
+            raise MoveFailed(
+                f"{self._name} went {went:.3f} turns in its {course.what} for {profile.duration:g} s, and should have "
+                f"gone {wanted:.3f}{why}"
+            )
+
+    async def _run_for(self, task: Task, rpm: float, parameters: MotionParameters, seconds: float) -> None:
+        """Tell it a speed for a time that is counted here. It is stopped when that is over since its start was first
+        sent, though the drive has not answered yet."""
+        began, told = self._bus.now(), False
+
+        def look() -> None:
+            now, first = self._bus.now(), self._state.told_at
+            over = (first if first >= began else now) + seconds
+            if told or self._bus.closed:
+                return
+            if over > now:
+                self._bus.after(over - now, look)
+            else:
+                self._bus.spawn(stop(), f"end of {task.move.what}")
+
+        async def stop() -> None:
+            with suppress(BusError):  # it is stopped once more when the drive has answered
+                await self._slow_down()
+
+        self._bus.after(seconds, look)
+        try:
+            await self._run_off(task, rpm, parameters, None)
+        finally:
+            told = True
+
+    async def _slow_down(self) -> None:
+        """Stop it by its ramp, and the axes with it that it was set in motion with: that waits for no late reply to
+        what was said before, and is repeated until it is seen to stand."""
+        alone = self._stops.queue.joint is None
+        await self._stops.stand_still(motion=None if alone else self._drive.motion)
+
+    async def _began_at(self, task: Task, profile: RunProfile, counts_per_turn: int) -> float:
+        """When it was set in motion, for a time that is counted here. Where its start was said more than once, its
+        position shows which one it heard; where that shows nothing in time, it may have been the first."""
+        first, last, state = task.first_at, task.move.started_at, self._state
+        assert last is not None
+        if last - first < _AT_ONCE or task.before or task.start is None:
+            return min(first, last)
+        with suppress(BusError), anyio.move_on_after(first + (profile.duration or 0.0) - self._bus.now()):
+            await self._executor.knowledge.afresh(Fact.POSITION)
+            seen = state.known(Fact.POSITION)
+            turns = state.rule.moved(task.start, seen.value) / counts_per_turn
+            return min(max(first, seen.at - profile.seconds_to(turns)), last)
+        return first
 
     async def _speed(self) -> float:
         """How fast it turns, in rpm, before it is told another speed."""

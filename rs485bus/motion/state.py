@@ -108,6 +108,8 @@ class AxisState:
         """Its drive looks for its reference, and counts from there: no position shows that it has restarted."""
         self.stopped_at = NEVER
         """When a frame was last sent that stops it, whoever sent it."""
+        self.told_at = NEVER
+        """When the first frame was sent of those by which it was last set in motion: it may have heard any of them."""
         self.ramp_stop: Request | None = None
         """What stops by its ramp what it was told last; None where there is nothing like that."""
         self.ramp_takes = 0.0
@@ -171,9 +173,10 @@ class AxisState:
             if fact is Fact.POSITION:
                 self.standstill.forget()
 
-    def start(self, fastest: float) -> None:
+    def start(self, fastest: float, at: float = NEVER) -> None:
         """It may move from now on, at up to so many counts a second."""
         self.stood_at = None
+        self.told_at = at if self.told_at == NEVER else self.told_at
         self.fastest = max(self.fastest, fastest)
 
     def stood(self) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import anyio
 
 from rs485bus.bus.bus import Bus
+from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.errors import (
     BusError,
     DeviceOffline,
@@ -24,6 +26,7 @@ from rs485bus.errors import (
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.look_budget import SILENT
+from rs485bus.motion.move import Move
 from rs485bus.motion.plan import (
     AnswersAgain,
     Ask,
@@ -43,7 +46,6 @@ from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
-from rs485bus.motion.task import Task
 from rs485bus.motion.upkeep import answers_again, insist, keep_fed
 from rs485bus.wire.registers import Repeat
 
@@ -55,6 +57,38 @@ _PATIENCE = 2.0
 _ASK_AGAIN = 0.02
 _TOO_SHORT = 4
 """A way of less than so many times what a standing axis may seem to move is not to be seen."""
+
+
+@dataclass(slots=True)
+class Task:
+    """A command that sets the axis in motion, as far as it has come."""
+
+    move: Move
+    start: int | None = None
+    """Where it begins, in counts."""
+    target: int | None = None
+    """Where it goes."""
+    rpm: float | None = None
+    """The speed that it is to have, for a run."""
+    before: float = 0.0
+    """The speed that it had, in rpm."""
+    slot: BurstSlot | None = None
+    """When its start is sent, if not at once."""
+    under_way: bool = False
+    """It only changes a move that is under way."""
+    begun: bool = False
+    """Its start was sent."""
+    lost: str = ""
+    """Why its positions were not to be trusted then."""
+    ended: Callable[[Ended], Awaitable[None]] | None = None
+    """Waits for the end of a routine of the drive's own."""
+    partners: tuple[tuple[PlanCarrier, Task], ...] = ()
+    """Other axes of the drive that the same plan sets in motion."""
+    since: float | None = field(init=False)
+    """When its move began, where this only changes or ends what goes on."""
+
+    def __post_init__(self) -> None:
+        self.since = self.move.started_at
 
 
 class _NotTaken(Exception):
@@ -278,7 +312,6 @@ class PlanCarrier:
             for carrier, each in everybody:
                 sent_at = carrier._state.motion.commanded_at
                 each.move.started_at = sent_at if each.since is None and sent_at >= began else each.since
-                each.first_at = max(carrier._state.told_at, began)
 
     async def _settle(self, step: Start, task: Task, unknown: OutcomeUnknown) -> None:
         """See whether a start was taken whose answer was lost. Raises `_NotTaken` if it was not."""

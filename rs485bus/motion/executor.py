@@ -22,7 +22,7 @@ from rs485bus.errors import (
     RearmRequired,
     RequestFailed,
 )
-from rs485bus.motion.carrier import PlanCarrier
+from rs485bus.motion.carrier import PlanCarrier, Task
 from rs485bus.motion.courses import Course, MoveCourse, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
@@ -37,7 +37,6 @@ from rs485bus.motion.retargeting import Change, Retargeting
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor, Told
-from rs485bus.motion.task import Task
 
 _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""

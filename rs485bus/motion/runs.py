@@ -9,6 +9,7 @@ import anyio
 
 from rs485bus.bus.bus import Bus
 from rs485bus.errors import BusError, LimitReached, MotionError, MoveFailed
+from rs485bus.motion.carrier import Task
 from rs485bus.motion.courses import Course, RunCourse, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.executor import MoveExecutor
@@ -19,10 +20,10 @@ from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Plan
 from rs485bus.motion.profile import RunProfile
 from rs485bus.motion.run_limits import RunLimits
+from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
-from rs485bus.motion.task import Task
 
 _WAY, _WAY_TIME = 0.05, 0.1
 """By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""
@@ -230,8 +231,9 @@ class RunExecutor:
     async def _began_at(self, task: Task, profile: RunProfile, counts_per_turn: int) -> float:
         """When it was set in motion, for a time that is counted here. Where its start was said more than once, its
         position shows which one it heard; where that shows nothing in time, it may have been the first."""
-        first, last, state = task.first_at, task.move.started_at, self._state
+        state, last = self._state, task.move.started_at
         assert last is not None
+        first = state.told_at if state.told_at > NEVER else last
         if last - first < _AT_ONCE or task.before or task.start is None:
             return min(first, last)
         with suppress(BusError), anyio.move_on_after(first + (profile.duration or 0.0) - self._bus.now()):

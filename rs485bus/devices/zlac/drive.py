@@ -101,7 +101,8 @@ class ZlacDrive(Drive):
         """What was found when it was set up."""
         self.accelerations: dict[int, float | None] = {}
         """With which each wheel changes its speed, in rpm/s, if that is known."""
-        self._kept: dict[int, ControlMode | None] = {}
+        self._kept: dict[int, tuple[ControlMode | None, int]] = {}
+        """What each wheel was told to keep, and in which epoch: no stop leaves anything of it."""
         self._status: StatusWord | None = None
         self._was_in_a_mode = self._forgot_its_mode = False
         name = f"{FAMILY} {address}"
@@ -228,12 +229,13 @@ class ZlacDrive(Drive):
 
     def keep(self, axis: int, mode: ControlMode | None, acceleration: float | None = None) -> None:
         """A wheel is told to keep a speed or a torque from now on; None for neither."""
-        self._kept[axis] = mode
+        self._kept[axis] = mode, self.state.axes[axis].motion.epoch
         self.accelerations[axis] = acceleration
 
     def kept(self, axis: int) -> ControlMode | None:
         """In which mode a wheel keeps a speed or a torque; None if it keeps neither."""
-        return self._kept.get(axis) if self.state.axes[axis].motion.may_move else None
+        motion, (mode, epoch) = self.state.axes[axis].motion, self._kept.get(axis, (None, 0))
+        return mode if motion.may_move and motion.epoch == epoch else None
 
     @staticmethod
     def _rule(resolution: int, counts_per_turn: int = 4096) -> StandstillRule:

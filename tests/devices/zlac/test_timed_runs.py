@@ -106,3 +106,23 @@ async def test_both_wheels_of_a_run_for_a_time_end_together_though_its_start_was
         await base.run(120, -120, duration=0.6, acceleration=2000)
         assert await lasts == pytest.approx(0.66, abs=0.04)
         assert not sim.right.motor.moving(asyncio.get_running_loop().time())
+
+
+@pytest.mark.parametrize("how", ["for a time", "and stopped"])
+def test_a_wheel_that_ran_and_was_stopped_keeps_nothing_from_its_other_one(how: str) -> None:
+    @virtual
+    async def check() -> None:
+        async with _wheel() as (base, _):
+            if how == "for a time":
+                runs = base.left.run(120, duration=1.5), base.right.run(120, duration=1.5)
+                await asyncio.gather(*runs)
+            else:
+                await base.left.run(120)
+                await base.left.stop()
+            await base.set_zero()
+            left = base.left.move_to(3.0)
+            await asyncio.sleep(0.3)
+            await base.right.move_to(1.0)
+            await left
+
+    check()

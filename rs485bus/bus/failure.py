@@ -39,8 +39,9 @@ _NOT_SENT: dict[Reason, tuple[type[NotSent], str]] = {
     ),
     Reason.OWED: (
         NotSent,
-        "its time was over while a late reply could still arrive that would have been taken for its answer. Its device "
-        "left a request unanswered before: allow more time, and look for what the line loses",
+        "all its time a late reply could still arrive that would have been taken for its answer. Its device leaves "
+        "requests unanswered, or answers too late: allow more time (timeout, reply_timeout), and look for what the "
+        "line loses",
     ),
     Reason.STOPPING: (
         NotSent,

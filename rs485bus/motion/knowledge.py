@@ -12,7 +12,7 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.job import Urgency
-from rs485bus.errors import DeviceRefused, ReferenceLost
+from rs485bus.errors import DeviceRefused, NoReply, ReferenceLost
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
@@ -23,6 +23,8 @@ from rs485bus.wire.frames import Request
 _LOOK_AGAIN = 0.005
 _ROUND = 1.5
 """How many times as long as the last look at a position the next one may take."""
+_LOOKS, _DOUBT_LASTS = 4, 5.0
+"""Looks that tell nothing, and seconds, after which it is given up to see whether an axis stands."""
 _ATTEMPTS = 3
 """How often something is asked that is refused, whose answer tells nothing or may have been that to something older."""
 _REFUSED = 0.02
@@ -146,14 +148,21 @@ class AxisKnowledge:
         return self.state.last(fact).value
 
     async def stands(self) -> bool:
-        """Whether the axis stands, as can be seen now."""
+        """Whether the axis stands, as can be seen now.
+
+        Raises:
+            NoReply: its drive answers so slowly that it cannot be seen, while it is told to stop again and again, say.
+        """
         still, rule = self.state.standstill, self.state.rule
         if still.verdict is True and still.until > self._bus.now() - FRESH:
             return True
         await self.afresh(Fact.POSITION)
-        longest = FRESH
+        longest, looks, over = FRESH, 0, self._bus.now() + _DOUBT_LASTS
         while still.is_in_doubt(longest):
-            begun = self._bus.now()
+            begun, looks = self._bus.now(), looks + 1
+            halt = self._bus.owner.units[self._drive.address].halt
+            if looks > _LOOKS and (begun > over or (halt is not None and halt.failed)):
+                raise NoReply(f"{self._name}: it cannot be seen whether it stands. Its drive answers too slowly.")
             if not still.confirmed:
                 await self.know((Fact.RUNNING,), since=still.since)
             again = max(still.since + rule.apart, still.until + _LOOK_AGAIN)

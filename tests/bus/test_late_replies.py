@@ -3,7 +3,7 @@
 import pytest
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.schedule.job import Outcome, Urgency
+from rs485bus.bus.schedule.job import Outcome, Reason, Urgency
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import read
@@ -186,3 +186,20 @@ def test_a_unit_that_is_always_late_keeps_nobody_waiting_by_what_it_is_asked_ins
     jobs = [rig.submit(read_holding(1, register, count)) for register, count in ((0, 2), (5, 2), (9, 1), (10, 1))]
     rig.done(*jobs, within=1.0)
     assert [registers(job.reply)[0] for job in jobs] == [100, 105, 109, 110]
+
+
+def test_who_would_wait_without_end_for_late_replies_is_told_so() -> None:
+    """Somebody goes on to ask what the unit does not answer, and waits for no late reply himself."""
+    unit = Scripted(1, *["lost"] * 1000)
+    rig = Rig(unit, config=ONCE)
+    rig.done(rig.submit(read_holding(1, 0, 1)))
+
+    def ask(_: object = None) -> None:
+        rig.submit(read_holding(1, 0, 1), internal=True, ignores_late_replies=True, urgency=Urgency.CONFIRM, on_end=ask)
+
+    ask()
+    waiting = rig.submit(read_holding(1, 5, 1))
+    rig.run(10)
+    assert waiting.outcome is Outcome.NOT_SENT
+    assert waiting.reason is Reason.OWED
+    assert 5 <= waiting.ended_at - waiting.queued_at < 6

@@ -50,6 +50,21 @@ def test_a_repetition_goes_to_the_head_of_its_own_line_only() -> None:
     assert [taken.address for taken in order(queue)] == [2, 1, 1]
 
 
+def test_a_question_of_the_bus_own_holds_nobody_back_behind_it() -> None:
+    """It asks less and less often, on behalf of those who wait: they go as soon as they may, it before those only that
+    must wait."""
+    queue = Queue()
+    question, behind = Job(read_holding(1, 0, 1), urgency=Urgency.POLL, backs_off=True), job(1, Urgency.POLL)
+    for waiting in (question, behind):
+        queue.put(waiting)
+    assert queue.take(lambda asked: 7.0) == (None, 7.0)
+    assert queue.take(lambda asked: 7.0 if asked is behind else READY)[0] is question
+    queue.put(question, first=True)
+    assert queue.take(lambda asked: 7.0 if asked is question else READY)[0] is behind
+    queue.put(behind)
+    assert order(queue) == [behind, question]
+
+
 def test_a_job_that_must_wait_holds_back_its_own_address_only() -> None:
     queue = Queue()
     blocked, behind, other = job(1), job(1), job(2)

@@ -16,6 +16,8 @@ from rs485bus.errors import WatchdogInfeasible
 from rs485bus.wire.frames import MAX_FRAME, Request
 
 _FOREVER = float("inf")
+_HELD_UP = 5.0
+"""Seconds, at least, for which a job waits for late replies of its unit to end."""
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 
 
@@ -196,6 +198,7 @@ class AdmissionControl:
             unit.late.expire(now)
             if (until := unit.late.must_wait(job.request, job)) > now:
                 self.held_up.add(unit)
+                job.held_up_since = job.held_up_since or now
                 return until
         if self.silent and not job.is_repeatable and (until := self._may_be_hit_until(unit, job, now)) > now:
             return until
@@ -203,6 +206,14 @@ class AdmissionControl:
         if pause and job.urgency > Urgency.START:
             return self.pauses.wait(job, pause, now)
         return READY
+
+    def is_held_up_in_vain(self, job: Job, now: float) -> bool:
+        """Whether a job has waited for longer than any late reply may take: its unit goes on to leave unanswered what
+        others ask, and would keep it waiting without end."""
+        if not job.held_up_since or job.internal or job.setpoint or job.slot is not None:
+            return False
+        waits = max(_HELD_UP, 3 * self._units[job.address].late_reply_window)
+        return now - max(job.held_up_since, job.sent_at) > waits
 
     def waits_for_verdict(self, job: Job) -> bool:
         """Whether a job has to wait until it is known that the adapter does not echo, or has been tried for long."""

@@ -122,6 +122,7 @@ class Job:
         "feeds",
         "goes_on",
         "heard",
+        "held_up_since",
         "ignores_late_replies",
         "internal",
         "is_broadcast",
@@ -204,6 +205,8 @@ class Job:
         self.queued_at = 0.0
         self.sent_at = 0.0
         """When its latest attempt was sent."""
+        self.held_up_since = 0.0
+        """Since when a late reply keeps it from being sent; 0 if none ever did."""
         self.not_before = 0.0
         """When the device can be asked again that said it was busy."""
         self.ended_at = 0.0

@@ -7,9 +7,10 @@ take turns. Every step costs O(1) in the number of jobs. Commands that never end
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.wire.frames import Request
 
 READY = 0.0
 """An admission: the job may go now."""
@@ -86,8 +87,7 @@ class Queue:
                 continue
             for address in tuple(lane):
                 while (line := lane.get(address)) is not None:
-                    job = next(iter(line))
-                    verdict = admit(job)
+                    job, verdict = _first(line, admit)
                     if verdict > READY:
                         again = min(again, verdict)
                         break
@@ -144,8 +144,7 @@ class Queue:
         for urgency in (Urgency.CONFIRM, *_REST):
             lane = self._lanes[urgency]
             while (line := lane.get(address)) is not None:
-                job = next(iter(line))
-                verdict = admit(job)
+                job, verdict = _first(line, admit)
                 if verdict > READY:
                     break
                 self.remove(job)
@@ -176,6 +175,12 @@ class Queue:
             if job is not None:
                 yield job
 
+    def keeping_nobody_waiting(self, address: int, reads: Sequence[Request]) -> list[Request]:
+        """Those reads of a unit whose answers cannot be taken for what somebody waits for: who waits would have to
+        wait for longer, if they were late."""
+        waiting = list(self.next_of(address))
+        return [read for read in reads if not any(read.may_answer(job.request) for job in waiting)]
+
     def __iter__(self) -> Iterator[Job]:
         for urgency in Urgency:
             yield from self.of_urgency(urgency)
@@ -183,3 +188,12 @@ class Queue:
     def of(self, address: int) -> list[Job]:
         """The jobs that wait for one address."""
         return [job for lane in self._lanes for job in lane.get(address, ())]
+
+
+def _first(line: OrderedDict[Job, None], admit: Admission) -> tuple[Job, float]:
+    """The job of a line that goes first, and whether it may. A question of the bus' own keeps nobody waiting."""
+    job, again = next(iter(line)), _FOREVER
+    other = next((other for other in line if not other.backs_off), None) if job.backs_off else None
+    if other is not None and (again := admit(other)) <= READY:
+        return other, again
+    return job, min(admit(job), again)

@@ -276,4 +276,7 @@ class Selector:
             self._drop(job, reason)
             return GONE
         until = gate.wait(job, self._clock.now)
+        if until > self._clock.now and gate.is_held_up_in_vain(job, self._clock.now):
+            self._drop(job, Reason.OWED)
+            return GONE
         return self._pipeline.wait(job) if self._pipeline.out and until == READY else until

@@ -59,14 +59,14 @@ def next_feed(
 def _read_to_feed(unit: UnitState, reads: Sequence[Request], queue: Queue) -> Request:
     """What to ask a device that owes replies: one whose reply is not owed, or else one that proves less.
 
-    Where nothing ends that but time, an answer to what is owed makes it owed for longer, and so does one that is lost:
-    it is the least telling read then, and none that somebody waits for.
+    It is none whose answer could be taken for one that somebody waits for, who would wait for longer if it were lost.
+    Where nothing ends that but time, an answer to what is owed makes it owed for longer, too: it is the least telling
+    read then.
     """
+    harmless = queue.keeping_nobody_waiting(unit.address, reads) or reads
     if unit.late.in_order:
-        return min((read for read in reads if not unit.late.must_wait(read)), key=_length, default=reads[0])
-    waiting = list(queue.next_of(unit.address))
-    free = (read for read in reversed(reads) if not any(read.may_answer(job.request) for job in waiting))
-    return next(free, reads[-1])
+        return min((read for read in harmless if not unit.late.must_wait(read)), key=_length, default=harmless[0])
+    return harmless[-1]
 
 
 def _is_as_short(job: Job, attached: DeviceAdapter) -> bool:

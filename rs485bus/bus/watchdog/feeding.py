@@ -223,6 +223,7 @@ class Feeding:
             return
         watch.failures += 1
         self._misses += 1
+        self.strain.failed()
         watch.retry_at = now
         if watch.failures >= LOST:
             to_spare = watch.over - now - watch.takes - watch.attempt
@@ -348,7 +349,7 @@ class Feeding:
     @property
     def pressed(self) -> bool:
         """Whether something may trip if anything else takes the wire: feeds failed, or need more than was admitted."""
-        return self._misses > 0 or self.strain.holds
+        return self._misses > 0 or self.strain.presses
 
     def affords(self, seconds: float, now: float) -> bool:
         """Whether the wire may be taken for so long lest a device trips that has missed two feeds at most."""

@@ -20,13 +20,15 @@ _over = attrgetter("over")
 class Strain:
     """The turns of feeds and of everything else, where feeds need more than was admitted."""
 
-    __slots__ = ("_row", "_starved_since", "holds")
+    __slots__ = ("_in_vain", "_row", "_starved_since", "holds")
 
     def __init__(self) -> None:
         self.holds = False
         """Feeds need more than was admitted."""
         self._row = 0
         """How many feeds in a row were sent."""
+        self._in_vain = 0
+        """How many of them were not answered."""
         self._starved_since: float | None = None
 
     def sent(self, feeds: bool) -> None:
@@ -34,16 +36,25 @@ class Strain:
         if feeds:
             self._row += 1
         else:
-            self._row, self._starved_since = 0, None
+            self._row, self._in_vain, self._starved_since = 0, 0, None
+
+    def failed(self) -> None:
+        """A feed was not answered in time. Its device may answer late, and so be heard, and fed without end."""
+        self._in_vain += 1
+
+    @property
+    def presses(self) -> bool:
+        """Whether feeds may need more than was admitted."""
+        return self.holds or self._in_vain >= _ROW
 
     @property
     def yields(self) -> bool:
         """Whether something else has a turn though a device is due."""
-        return self.holds and self._row >= _ROW
+        return self.presses and self._row >= _ROW
 
     def starved(self, now: float) -> None:
         """Something else had a turn, and did not fit."""
-        if self._starved_since is None:
+        if self.holds and self._starved_since is None:
             self._starved_since = now
 
     def ends(self) -> None:

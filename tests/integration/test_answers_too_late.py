@@ -1,0 +1,63 @@
+"""Drives that begin to answer later than anybody waits, while they are watched and looked at: every call still ends."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from rs485bus import MksServo, open_bus
+from rs485bus.errors import BusError, NotSent
+from rs485bus.sim import SimMks, VirtualLine
+from tests.integration.support import virtual
+
+Verb = Callable[[MksServo], Awaitable[Any]]
+
+
+class Slow(SimMks):
+    """A drive that takes its time."""
+
+    takes = 0.005
+
+    def receive(self, frame: bytes, now: float) -> bytes | None:
+        reply = super().receive(frame, now)
+        self.turnaround = self.takes
+        return reply
+
+
+@pytest.mark.parametrize(
+    ("verb", "takes", "timeout", "turns"),
+    [
+        (MksServo.enable, 0.12, 2.0, True),
+        (MksServo.status, 0.3, 0.8, True),  # it was fed by reads whose answers are like the one waited for
+        (lambda x: x.run(70), 0.3, 0.8, True),
+        (lambda x: x.run(70), 0.2, 0.8, False),  # it was told to stop again and again, and never seen to stand
+    ],
+    ids=["enable", "status", "run", "run-from-standing"],
+)
+@virtual
+async def test_a_call_ends_though_the_drive_answers_later_than_it_is_waited_for(
+    verb: Verb, takes: float, timeout: float, turns: bool
+) -> None:
+    sim = Slow(1)
+    loop = asyncio.get_running_loop()
+    took = error = None
+    with suppress(BusError, ExceptionGroup):  # that it was not seen standing is told as well
+        async with open_bus(VirtualLine(sim)) as bus:
+            x = MksServo(bus, 1)
+            async with bus.watchdog(x, timeout=timeout):
+                await x.enable()
+                if turns:
+                    await x.run(60)
+                sim.takes, begun = takes, loop.time()
+                try:
+                    async with asyncio.timeout(30):
+                        await verb(x)
+                except BusError as why:
+                    error = why
+                took = loop.time() - begun
+    assert took is not None
+    assert took < 20
+    assert not isinstance(error, NotSent)  # its turn has come
+    assert not sim.moving(loop.time())

@@ -18,6 +18,7 @@ from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.timers import Timers
 from rs485bus.bus.units.asking import hurry
+from rs485bus.bus.units.motion import NEVER
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.bus.watchdog.register_writes import RegisterWrites
@@ -180,8 +181,20 @@ class Attempts:
         if request.writes:
             self._register_writes.acknowledged(job, unit)
         if unit.attached is not None:
-            unit.attached.on_reply(request, frame, since, now)
-        self._end(job, Outcome.REPLY)
+            asked_at = unit.late.asked_in_turn(job, since) if unit.late.owed else since
+            if asked_at > NEVER:
+                unit.attached.on_reply(request, frame, asked_at, now)
+        if not (job.weighs and since < job.queued_at and self._is_asked_again(job, unit)):
+            self._end(job, Outcome.REPLY)
+
+    def _is_asked_again(self, job: Job, unit: UnitState) -> bool:
+        """Whether a job is asked again whose answer may be a late reply. Where that does not decide it, the bus' own go
+        by what was said of its age; others wait until no reply can come late."""
+        if not unit.late.may_be_decided(job):
+            if job.internal:
+                return False
+            job.weighs = False
+        return self._repeating.to_weigh(job, self._clock.now)
 
     def _is_anothers(self, job: Job, unit: UnitState, frame: bytes) -> bool:
         """Whether the answer to a stop may be an older request's, for whose reply the stop did not wait."""

@@ -37,6 +37,8 @@ class JobOptions(TypedDict, total=False):
     """Seconds of quiet on the pair before each attempt."""
     slot: BurstSlot | None
     """Its place among frames that go out as one."""
+    weighs: bool
+    """It is asked again, without waiting for late replies, until its answer can be none (`Job`)."""
     verify: Verification | None
     """How to see whether it was carried out."""
 

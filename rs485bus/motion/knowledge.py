@@ -83,12 +83,12 @@ class Questions:
         """Ask; and ask again where it is said that the drive has failed to answer this time, or is still at it."""
         for _ in range(_ATTEMPTS - 1):
             try:
-                return await self._bus.ask(request, urgency=urgency)
+                return await self._bus.ask(request, urgency=urgency, weighs=True)
             except DeviceRefused as refused:
                 if refused.code is None or exception(refused.code).meaning is Meaning.REFUSED:
                     raise
             await anyio.sleep(_REFUSED)
-        return await self._bus.ask(request, urgency=urgency)
+        return await self._bus.ask(request, urgency=urgency, weighs=True)
 
     def _free(self, fact: Fact) -> Request:
         """What to ask for a fact: where a late reply could be taken for its answer, something that tells it, too."""

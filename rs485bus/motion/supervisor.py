@@ -291,7 +291,7 @@ class Supervisor:
             self._rotated_at = now
         job = self._unanswered.pop(request.adu, None)
         if job is None:
-            job = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=0, on_end=self._answered)
+            job = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=0, weighs=True, on_end=self._answered)
         self._job = job
         self._bus.submit(job)
         if not job.attempts:
@@ -315,7 +315,7 @@ class Supervisor:
         late = self._bus.owner.units[self._drive.address].late
 
         def free(request: Request) -> bool:
-            return not late.must_wait(request, self._unanswered.get(request.adu))
+            return not late.in_order or not late.must_wait(request, self._unanswered.get(request.adu))
 
         reading = self._drive.reading(fact, free)
         if reading is not None:

@@ -14,9 +14,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from rs485bus.bus.line.answers_alike import AnswersAlike
 from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.units.motion import NEVER
 from rs485bus.wire.exceptions import is_a_gateways, is_exception
 from rs485bus.wire.frames import Request
+
+_TIMES = 2
+"""How many times as often as it takes at best something is asked to find out whether its answer is a late reply."""
+_OUTLIVED = 12
+"""Answers in a row, each to a request that was waited for, that cannot all have been late."""
 
 
 @dataclass(slots=True)
@@ -29,6 +36,21 @@ class PendingReply:
     until: float
     accepted: bool = False
     """The device has said that it is at it: no later answer proves that this one will not come."""
+    # Where replies may overtake each other, it may have answered a later request, whose own reply is late then:
+    lives: float = 0.0
+    """Seconds from sending within which a reply comes, or never does."""
+    is_anothers: bool = False
+    """A later request may have been for something else."""
+    is_passed: bool = False
+    """Something sent later had an unmistakable answer: none comes where replies keep their order."""
+    outlived: int = 0
+    """How many answers that look like it came after its own time was over."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether none can come any more: each of so many replies would have been late, and been taken for the answer
+        to the next request."""
+        return self.is_passed and self.outlived >= _OUTLIVED and not self.accepted
 
 
 @dataclass(slots=True)
@@ -54,13 +76,16 @@ class PendingReplies:
         in_order: bytes come in the order in which they were asked for. Not so behind a TCP gateway.
     """
 
-    __slots__ = ("_heard", "in_order", "owed")
+    __slots__ = ("_answers", "_heard", "in_order", "owed")
 
     def __init__(self, in_order: bool = True) -> None:
         self.in_order = in_order
         """Whether bytes come in the order in which they were asked for."""
         self.owed: list[PendingReply] = []
         self._heard: dict[bytes, _Heard] = {}
+        self._answers: dict[bytes, AnswersAlike] = {}
+        """What came while replies were owed that look like it, by how it begins. Where replies may overtake each
+        other."""
 
     def __bool__(self) -> bool:
         return bool(self.owed)
@@ -72,6 +97,8 @@ class PendingReplies:
         """Forget what can arrive no more."""
         if self.owed:
             self.owed = [owed for owed in self.owed if owed.until > now]
+            if not self.owed:
+                self._answers.clear()
         if self._heard:
             self._heard = {frame: heard for frame, heard in self._heard.items() if heard.until > now}
 
@@ -82,7 +109,9 @@ class PendingReplies:
 
     def unanswered(self, job: Job, until: float, *, accepted: bool = False) -> None:
         """The job's latest attempt got no reply, or was accepted only; one may arrive until the time given."""
-        self.owed.append(PendingReply(job.request, job, job.sent_at, until, accepted))
+        self.owed.append(PendingReply(job.request, job, job.sent_at, until, accepted, until - job.sent_at))
+        if not self.in_order:
+            self._is_asked(job.request)
 
     def must_wait(self, request: Request, job: Job | None = None) -> float:
         """Until when a request must wait lest it be answered by an older one's reply; 0 if it need not.
@@ -110,22 +139,72 @@ class PendingReplies:
         """
         if not self.owed:
             return job.sent_at
+        if not self.in_order:
+            return self._answered_in_any_order(job, until, frame)
         heard = self._heard.get(frame)
-        if heard is not None and not (self.in_order and heard.came_again):
+        if heard is not None and not heard.came_again:
             # There is one copy at most: of two that came after something was asked, one is its answer.
             heard.came_again = True
             self.unanswered(job, until)  # it may be a copy
             return heard.since
         alike = [owed for owed in self.owed if _may_give(owed.request, frame, job.request)]
         since = min((owed.sent_at for owed in alike), default=job.sent_at)
-        if self.in_order:
-            self._no_copies_of_what_came_before(since)
+        self._no_copies_of_what_came_before(since)
         self._settle(alike, frame, job.request, job.sent_at)
-        if self.in_order:
-            self._forget_before(since)
+        self._forget_before(since)
         if alike:
             self.unanswered(job, until)
         return since
+
+    def _answered_in_any_order(self, job: Job, until: float, frame: bytes) -> float:
+        """The same where replies may overtake each other; NEVER where it may be the reply to something else.
+
+        As many replies are owed as before: if this was one of them, that to the job's latest attempt is.
+        """
+        alike = [owed for owed in self.owed if _may_give(owed.request, frame, job.request)]
+        for owed in self.owed:
+            owed.is_passed = owed.is_passed or (owed.sent_at < job.sent_at and owed not in alike)
+        if not alike:
+            return job.sent_at
+        self._is_asked(job.request)
+        self._heard[frame] = _Heard(min(owed.sent_at for owed in alike), until, None)
+        answers = self._answers.setdefault(job.request.prefix, AnswersAlike(job.request))
+        answers.came(frame, job.sent_at, len(alike))
+        since = max(answers.since(), min(_asked_since(owed, job) for owed in alike))
+        for owed in alike:
+            owed.is_anothers = owed.is_anothers or owed.request.adu != job.request.adu
+            owed.outlived += job.sent_at > owed.sent_at + owed.lives
+            owed.until = max(owed.until, until)
+        self.owed = [owed for owed in self.owed if not owed.is_over]
+        if not all(_look_the_same(owed.request, job.request) for owed in alike):
+            self.unanswered(job, until)  # its reply may be taken for the answer to what theirs cannot
+        return since
+
+    def _is_asked(self, request: Request) -> None:
+        """Its answers may be taken for those to something else that was asked before: they are counted no further."""
+        others = (one for one, answers in self._answers.items() if request.adu != answers.request.adu)
+        for one in [one for one in others if request.may_answer(self._answers[one].request)]:
+            del self._answers[one]
+
+    def asked_in_turn(self, job: Job, since: float) -> float:
+        """When a reply that differs from the one before was asked for, if it has overtaken none: so what moves is seen.
+        That it stands, an answer must prove that came again. `since`: what `answered` has said.
+        """
+        answers = self._answers.get(job.request.prefix)
+        if answers is None or since == NEVER or since == job.sent_at or not answers.is_news:
+            return since
+        return max(since, answers.in_turn(self._count(job)))
+
+    def may_be_decided(self, job: Job) -> bool:
+        """Whether to ask a job again may show that its answer is no late reply. A look of the bus' own gives way where
+        each answer is another one: what it looks at moves."""
+        answers = self._answers.get(job.request.prefix)
+        moves = answers is None or (answers.is_news and (job.weighed > 0 or job.answered_since > NEVER))
+        return not (moves and job.internal) and job.weighed < _TIMES * AnswersAlike.needed(self._count(job))
+
+    def _count(self, job: Job) -> int:
+        """How many replies are owed that look like the one that a job got."""
+        return sum(_may_give(owed.request, job.reply, job.request) for owed in self.owed)
 
     def arrived(self, request: Request, frame: bytes = b"") -> float | None:
         """A late reply to such a request arrived. Returns when the oldest one was sent that it may answer; None for
@@ -185,7 +264,16 @@ class PendingReplies:
             since, until = min(owed.sent_at for owed in alike), max(owed.until for owed in alike)
             self._heard[frame] = _Heard(since, until, None, came_after=came_after)
         if self.in_order or all(_look_the_same(owed.request, request) for owed in alike):
-            self.owed.remove(min(alike, key=lambda owed: owed.sent_at))
+            oldest = min(alike, key=lambda owed: owed.sent_at)
+            self.owed.remove(oldest)
+            if not self.in_order:
+                self._leave_as_old(oldest, [owed for owed in alike if owed is not oldest])
+
+    def _leave_as_old(self, gone: PendingReply, others: list[PendingReply]) -> None:
+        """One of some replies came, and it need not be the oldest: the others are as old."""
+        for owed in others:
+            owed.is_anothers = owed.is_anothers or gone.is_anothers or owed.request.adu != gone.request.adu
+            owed.sent_at, owed.lives = gone.sent_at, owed.lives + owed.sent_at - gone.sent_at
 
     def _no_copies_of_what_came_before(self, sent_at: float) -> None:
         """What was sent at that time was answered: a copy of what came before would have come before that answer."""
@@ -199,6 +287,13 @@ class PendingReplies:
 def _may_give(owed: Request, frame: bytes, request: Request) -> bool:
     """Whether a frame that fits `request` may be the reply to one that is owed."""
     return owed.answered_by(frame) if frame else owed.may_answer(request)
+
+
+def _asked_since(owed: PendingReply, job: Job) -> float:
+    """When, or later, the answer to a job was asked for that may be owed; NEVER if it may be one to something else."""
+    if owed.is_anothers or owed.request.adu != job.request.adu:
+        return NEVER
+    return max(owed.sent_at, job.sent_at - owed.lives)
 
 
 def _look_the_same(one: Request, other: Request) -> bool:

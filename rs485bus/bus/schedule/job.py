@@ -100,6 +100,8 @@ class Job:
         retries: how often it may be repeated; None for what the bus is set to.
         setpoint: it is of a stream: something newer will be said. Its answer is waited for no longer than the device
             usually takes, though it is not repeated, and no queue is too full for it.
+        weighs: it is a read that is asked again and again, without waiting for late replies that look like its own,
+            until its answer has come more often than those can. Only where replies may overtake each other.
         goes_on: it goes on with what was begun, before others of its urgency to its device.
         backs_off: it is repeated less and less often: the device may be busy, and nobody waits for the answer itself.
         slot: its place among frames that go out as one, whatever its urgency; None for a frame of its own.
@@ -149,6 +151,8 @@ class Job:
         "unanswered",
         "urgency",
         "verify",
+        "weighed",
+        "weighs",
     )
 
     def __init__(
@@ -166,6 +170,7 @@ class Job:
         internal: bool = False,
         retries: int | None = None,
         setpoint: bool = False,
+        weighs: bool = False,
         goes_on: bool = False,
         backs_off: bool = False,
         slot: BurstSlot | None = None,
@@ -192,6 +197,7 @@ class Job:
         self.internal = internal
         self.retries = retries
         self.setpoint = setpoint
+        self.weighs = weighs
         self.goes_on = goes_on
         self.backs_off = backs_off
         self.slot = slot
@@ -216,6 +222,8 @@ class Job:
         """Until when it is repeated, however often: its attempts did not take as long as they may."""
         self.attempts = 0
         self.unanswered = 0
+        self.weighed = 0
+        """Attempts whose answer did not decide."""
         self.cuts = 0
         """Attempts for whose answer a stop did not wait."""
         self.feeds = False

@@ -87,6 +87,14 @@ class Repeating:
             unknown = job.unanswered and job.request.writes
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED, Reason.NONE)
 
+    def to_weigh(self, job: Job, now: float) -> bool:
+        """The answer to the latest attempt may be a late reply. False if that is not found out by asking again."""
+        if not self._is_wanted(job, now):
+            return False
+        job.weighed += 1
+        self._queue.put(job, first=True)
+        return True
+
     def _may_repeat(self, job: Job, now: float) -> bool:
         retries = self.retries_of(job)
         more = (_attempts(job) if retries else job.attempts) <= retries or now < job.patient_until
@@ -158,7 +166,7 @@ def _was_begun(job: Job) -> bool:
 
 def _attempts(job: Job) -> int:
     """How often it was sent and given its time."""
-    return job.attempts - min(job.cuts, _CUTS)
+    return job.attempts - min(job.cuts, _CUTS) - job.weighed
 
 
 def _pause(times: int) -> float:

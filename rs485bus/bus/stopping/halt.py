@@ -23,7 +23,6 @@ from rs485bus.bus.schedule.job import Job, Outcome, Urgency
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.wire.frames import Request
-from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
 
@@ -330,8 +329,10 @@ class Halt:
     def _next_look(self, pacing: Pacing, by: float) -> Job | None:
         """What to ask next, and not after the time given; None if a late reply could be taken for every answer."""
 
+        weighs = not pacing.late.in_order
+
         def fresh(request: Request) -> bool:
-            return pacing.late.must_wait(request) == 0
+            return weighs or pacing.late.must_wait(request) == 0
 
         def free(request: Request) -> bool:
             return pacing.late.must_wait(request, self._looks.get(request)) == 0
@@ -343,8 +344,9 @@ class Halt:
             return None
         look = self._looks.get(request)
         if look is None:
-            look = Job(request, urgency=Urgency.CONFIRM, repeat=Repeat.SAFE, internal=True, retries=0)
-            self._looks[request] = look
+            look = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=2 * weighs, weighs=weighs)
+            if not weighs:
+                self._looks[request] = look
         look.reply_timeout = self._wait(pacing)
         look.expires_at = None if by == _FOREVER else by
         # Once it was said that it could not be seen standing, others have their turns, too.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.line.serial_line import STOP_WAITS, SerialLine
 from rs485bus.bus.stopping.halt import STOPS
-from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.units.unit_state import SILENT, UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 
 _TRY_AGAIN_AFTER = 0.5
@@ -61,7 +61,14 @@ class StopPacing:
 
     def is_cut_short(self, now: float, since: float) -> bool:
         wait = self.reply_timeout(since, reported=False)
-        return self.is_noisy(now) or (wait is not None and wait < self._unit.reply_timeout)
+        in_doubt = self._is_in_doubt and self.heard_at > since
+        return self.is_noisy(now) or in_doubt or (wait is not None and wait < self._unit.reply_timeout)
+
+    @property
+    def _is_in_doubt(self) -> bool:
+        """Whether it answers, and it takes many answers to tell its own from late replies."""
+        unit = self._unit
+        return bool(unit.late.owed) and not unit.late.in_order and unit.asked_in_vain < SILENT
 
     def is_crowded(self, now: float) -> bool:
         strained = self._feeding.strain.holds and self._feeding.guards_others(self._unit.address)
@@ -74,7 +81,8 @@ class StopPacing:
 
     @property
     def gives_up_after(self) -> float:
-        return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout)
+        doubt = self._unit.late_reply_window * self._is_in_doubt
+        return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout) + doubt
 
     @property
     def looks_wait(self) -> float:

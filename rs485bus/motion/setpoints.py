@@ -86,7 +86,7 @@ class StreamCourse(Course):
         late = running.at > streamer.stands_at + self._grace
         if running.value and late and self.state.standstill.has_moved:
             streamer.insist()  # it was told to stand; a status alone may be stuck
-        if streamer.ended and self._is_overdue(streamer.stands_at + 1):
+        if streamer.ends_in_vain or (streamer.ended and self._is_overdue(streamer.stands_at + 1)):
             return Verdict.OVERDUE
         return Verdict.DOUBTFUL if self._stays() else Verdict.GOES_ON
 

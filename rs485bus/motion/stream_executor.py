@@ -13,8 +13,9 @@ from rs485bus.motion.move import Move
 from rs485bus.motion.runs import RunExecutor
 from rs485bus.motion.scale import AxisScale
 from rs485bus.motion.setpoints import Setpoint, SetpointStream, StreamCourse
-from rs485bus.motion.streaming import Streamer, Terms
+from rs485bus.motion.streaming import Streamer
 from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.terms import Terms
 
 _NEAR_LIMITS = 0.1
 """Seconds between two looks at an axis whose stream may take it out of its limits."""

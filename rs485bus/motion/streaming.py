@@ -18,6 +18,7 @@ from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
+from rs485bus.motion.terms import Speeds, Terms
 from rs485bus.motion.turns import Turns
 from rs485bus.wire.frames import Request
 
@@ -30,35 +31,11 @@ _AGAIN = 0.05
 _MISSED = 3
 """Answers missed in a row after which one is waited for as long as the drive may take: it may have become slow."""
 _FOREVER = float("inf")
+_ENDS_WITHIN = 3.0
+"""Seconds, beside twice those of the ramp, within which the end of a stream must be acknowledged."""
 _SILENCE = (Outcome.NO_REPLY, Outcome.UNKNOWN)
 _NO_MORE = (Reason.STOPPED, Reason.EMERGENCY, Reason.LATCHED, Reason.LOCKED, Reason.UNPLUGGED, Reason.CLOSED)
 """Why nothing can be told any more."""
-
-Speeds = tuple[float, ...]
-"""One of each axis, in rpm, in the drive's direction."""
-
-
-@dataclass(frozen=True, slots=True)
-class Terms:
-    """What a stream keeps to. Speeds are in the drive's direction, positions its counts."""
-
-    acceleration: float
-    """rpm/s, up and down."""
-    timeout: float
-    """Seconds after which a set-point is too old."""
-    highest: float
-    """The highest speed."""
-    limits: tuple[tuple[int, int] | None, ...] = ()
-    """The lowest and highest position of each axis; None, or nothing at all, for no limit."""
-    needs: Callable[[Speeds], float] | None = None
-    """Seconds that a change of the speeds takes at least; None for as long as the acceleration needs for the greatest
-    of them."""
-
-    def takes(self, change: Speeds) -> float:
-        """Seconds that a change of the speeds takes at least."""
-        if self.needs is not None:
-            return self.needs(change)
-        return max(map(abs, change)) / self.acceleration
 
 
 @dataclass(slots=True)
@@ -100,8 +77,8 @@ class Streamer:
         noticed: Callable[[str], None],
     ) -> None:
         self.told = Told(speeds, bus.now() - STEP, [NEVER] * len(axes))
-        self.ended = False
-        """They are slowing down to a stand, for good."""
+        self._ends_by = _FOREVER
+        """When they should stand for good, though frames are lost; infinity while they go on."""
         self.refused = ""
         """Why the drive refuses what it is told."""
         self._bus = bus
@@ -161,7 +138,8 @@ class Streamer:
 
     def end(self) -> None:
         """Slow down to a stand, for good."""
-        self.ended = True
+        if not self.ended:
+            self._ends_by = self._bus.now() + 2 * self._terms.takes(self.told.speeds) + _ENDS_WITHIN
         self._go_on()
 
     def close(self) -> None:
@@ -169,6 +147,11 @@ class Streamer:
         self._over = True
         if self._job is not None:
             self._bus.owner.cancel(self._job, self._bus.now())
+
+    @property
+    def ended(self) -> bool:
+        """Whether they are slowing down to a stand, for good."""
+        return self._ends_by < _FOREVER
 
     @property
     def is_quiet(self) -> bool:
@@ -189,6 +172,11 @@ class Streamer:
     def stands_at(self) -> float:
         """When they should stand, if they were told to; infinity if they were not."""
         return _FOREVER if any(self.told.speeds) else self.told.at + STEP + self._states[0].ramp_takes
+
+    @property
+    def ends_in_vain(self) -> bool:
+        """Whether they were told to stand again and again, and the drive has never acknowledged that."""
+        return not self.told.sure and self._bus.now() > self._ends_by
 
     # Which speeds are told next
 

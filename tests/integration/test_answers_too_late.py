@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rs485bus import MksServo, open_bus
-from rs485bus.errors import BusError, NotSent
-from rs485bus.sim import SimMks, VirtualLine
+from rs485bus import MksServo, TlrStepper, open_bus
+from rs485bus.errors import BusError, NotSent, StopUnconfirmed
+from rs485bus.sim import SimMks, SimTlr, VirtualLine
 from tests.integration.support import virtual
 
 Verb = Callable[[MksServo], Awaitable[Any]]
@@ -60,4 +60,30 @@ async def test_a_call_ends_though_the_drive_answers_later_than_it_is_waited_for(
     assert took is not None
     assert took < 20
     assert not isinstance(error, NotSent)  # its turn has come
+    assert not sim.moving(loop.time())
+
+
+@pytest.mark.parametrize("family", [MksServo, TlrStepper])
+@virtual
+async def test_a_stream_is_left_though_the_drive_acknowledges_its_end_too_late(
+    family: type[MksServo] | type[TlrStepper],
+) -> None:
+    """The stand is told again and again; that puts off for ever when it should be seen."""
+    sim = Slow(1) if family is MksServo else SimTlr(1)
+    loop = asyncio.get_running_loop()
+    left = ended = 0.0
+    with suppress(ExceptionGroup):  # that it was not seen standing is told as well
+        async with open_bus(VirtualLine(sim)) as bus:
+            axis = family(bus, 1)
+            await axis.enable()
+            sim.turnaround = 0.2
+            if isinstance(sim, Slow):
+                sim.takes = 0.2
+            with pytest.raises(StopUnconfirmed):
+                async with asyncio.timeout(30), axis.stream() as setpoint:
+                    setpoint(50)
+                    await asyncio.sleep(0.5)
+                    left = loop.time()
+            ended = loop.time()
+    assert 0 < ended - left < 10
     assert not sim.moving(loop.time())

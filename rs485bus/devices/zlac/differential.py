@@ -19,7 +19,7 @@ from rs485bus.devices.zlac.zlac import Zlac8015d
 from rs485bus.errors import DeviceOffline, LimitExceeded, NoReply, ReferenceLost
 from rs485bus.motion.pace import Pace
 from rs485bus.motion.standstill import NEVER
-from rs485bus.motion.streaming import Speeds
+from rs485bus.motion.terms import Speeds
 
 _LARGEST_WHEEL, _WIDEST = 5.0, 50.0
 """Metres."""

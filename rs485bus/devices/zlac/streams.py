@@ -15,7 +15,8 @@ from rs485bus.errors import BusError, MotionError, MoveCancelled
 from rs485bus.motion.move import Move
 from rs485bus.motion.setpoints import begin_block
 from rs485bus.motion.state import Fact
-from rs485bus.motion.streaming import STEP, Speeds, Streamer, Terms
+from rs485bus.motion.streaming import STEP, Streamer
+from rs485bus.motion.terms import Speeds, Terms
 
 Begin = Callable[[dict[int, float]], Awaitable[Streamer]]
 """Begins a stream of wheels that have these speeds, by axis."""

@@ -31,8 +31,8 @@ from rs485bus.devices.zlac.wheel import pair as pair_wheels
 from rs485bus.motion.move import Move
 from rs485bus.motion.plan import Plan, Stand
 from rs485bus.motion.state import Fact
-from rs485bus.motion.streaming import Speeds
 from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.terms import Speeds
 from rs485bus.wire.frames import payload, unit_address
 from rs485bus.wire.registers import Block, Register
 

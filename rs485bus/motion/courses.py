@@ -11,8 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from rs485bus.motion.profile import Profile, RunProfile, is_speed
-from rs485bus.motion.run_limits import RunLimits
+from rs485bus.motion.profile import Profile, RunProfile
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import AxisState, Fact
 
@@ -58,6 +57,8 @@ class Course(ABC):
     """It goes on until something ends it: nobody waits for its end."""
     deadline = _FOREVER
     """When it must have ended."""
+    reached = True
+    """Nobody waits for its speed, or not any more."""
     facts: tuple[Fact, ...] = ()
     """What it may want to know beside what every axis is asked that moves."""
 
@@ -150,22 +151,31 @@ class Course(ABC):
         """Whether it was asked after a time and had not ended. That an answer takes long says nothing."""
         return max(self.state.known(Fact.POSITION).at, self.state.known(Fact.RUNNING).at) > deadline
 
+    @property
+    def _begins(self) -> tuple[float, float]:
+        """When it began, at the soonest and at the latest."""
+        return self.started_at, self.begun_at
+
     def _is_held_up(self, turns_after: Callable[[float], float], counts_per_turn: int) -> bool:
         """Whether it does not move though it should have."""
         still = self.state.standstill
-        ways = [
-            abs(turns_after(still.until - late) - turns_after(still.since - late))
-            for late in (self.started_at, self.begun_at)
-        ]
+        ways = [abs(turns_after(still.until - late) - turns_after(still.since - late)) for late in self._begins]
         return still.unmoved > 0 and min(ways) * counts_per_turn > _SHOWS * self.state.rule.same
 
-    def _falls_behind(self, turns_after: Callable[[float], float], counts_per_turn: int) -> bool:
-        """Whether it went much less than it should have between two looks that are far apart: to be looked at again."""
+    def _due_where_behind(self, fact: Fact, profile: Profile | RunProfile | None, counts_per_turn: int) -> float:
+        """When to ask for a fact where it went much less than it should have between two looks that are far apart:
+        whether it was let go, then whether it goes on."""
         begin, end, way = self.state.last_way
+        if fact not in (Fact.POSITION, Fact.ENABLED) or not profile:
+            return _FOREVER
         if begin < self.begun_at or end - begin < _FAR_APART:
-            return False
-        ways = [abs(turns_after(end - late) - turns_after(begin - late)) for late in (self.started_at, self.begun_at)]
-        return abs(way) < MUCH_LESS * min(ways) * counts_per_turn - _SHOWS * self.state.rule.same
+            return _FOREVER
+        ways = [abs(profile.turns_after(end - late) - profile.turns_after(begin - late)) for late in self._begins]
+        if abs(way) >= MUCH_LESS * min(ways) * counts_per_turn - _SHOWS * self.state.rule.same:
+            return _FOREVER
+        if fact is Fact.POSITION:
+            return end + LOOK_AGAIN / 2
+        return NEVER if self.state.known(fact).at < end else _FOREVER
 
     def _due_at_end(self, fact: Fact, end: float, pause: float) -> float:
         """When to ask for a fact, to see the axis stand soon after a time."""
@@ -267,6 +277,9 @@ class MoveCourse(Course):
         return self._in_time()
 
     def due(self, fact: Fact) -> float:
+        behind = self._due_where_behind(fact, self.profile, self._counts_per_turn)
+        if behind < _FOREVER:
+            return behind
         if fact is not Fact.POSITION and fact is not Fact.RUNNING and fact not in self.facts:
             return _FOREVER
         deviation = self.deviation
@@ -278,9 +291,6 @@ class MoveCourse(Course):
         if fact in self.facts and near and self.state.stands and self.state.known(fact).at < self._arrived_at:
             return NEVER
         asked = self.state.known(Fact.POSITION).at
-        profile = self.profile
-        if fact is Fact.POSITION and profile and self._falls_behind(profile.turns_after, self._counts_per_turn):
-            return asked + LOOK_AGAIN / 2
         return self._due_at_end(fact, min(self.eta, asked) if near else self.eta, self._pause)
 
     @property
@@ -313,86 +323,3 @@ class MoveCourse(Course):
 
     def _way(self, start: int, end: int) -> int:
         return self.state.rule.moved(start, end)
-
-
-class RunCourse(Course):
-    """A speed, perhaps for a time.
-
-    Args:
-        start: where it began, in counts; None if that is not known.
-        profile: how it goes.
-        counts_per_turn: of the axis.
-        limits: between which positions it may go; None for everywhere.
-        others as for `Course`.
-    """
-
-    def __init__(
-        self,
-        what: str,
-        state: AxisState,
-        started_at: float,
-        grace: float,
-        *,
-        profile: RunProfile,
-        counts_per_turn: int,
-        limits: RunLimits | None = None,
-    ) -> None:
-        super().__init__(what, state, started_at, grace)
-        self._limits = limits
-        self.profile = profile
-        self.keeps = profile.rpm != 0 and profile.duration is None
-        self._counts_per_turn = counts_per_turn
-        self.reached = not self.keeps
-        """Nobody waits for its speed any more."""
-        self.eta = started_at + (profile.ramp if self.keeps else profile.ends_after)
-        self.deadline = started_at + 2 * profile.ramp + 1 + (profile.duration or 0.0)
-
-    @property
-    def goes_on(self) -> bool:
-        return self.keeps
-
-    @property
-    def stop_at(self) -> float:
-        if self._limits is None or (self.keeps and self.state.stopped_at > self.started_at):
-            return _FOREVER
-        counts = self._counts_per_turn / 60
-        measured = (self.state.value(Fact.SPEED) or 0.0) * counts
-        return self._limits.stop_at(self.state, self.profile.rpm * counts, measured)
-
-    def place(self) -> str:
-        return f"has stopped during its {self.what}"
-
-    def _judge(self) -> Verdict:
-        if self.profile.rpm == 0:
-            return Verdict.DONE if self._stands else self._in_time()
-        if self.keeps and self.state.stopped_at > self.started_at:
-            return Verdict.DONE if self._stands else Verdict.GOES_ON  # somebody has stopped it by a frame of this bus
-        if self._is_held_up(self.profile.turns_after, self._counts_per_turn):
-            return Verdict.DOUBTFUL
-        if not self.keeps:
-            over = self.state.standstill.until >= self.eta
-            return Verdict.DONE if self._stands and over else self._in_time()
-        if not self.reached and self._has_speed():
-            self.reached = True
-            return Verdict.REACHED
-        return Verdict.GOES_ON if self.reached else self._in_time()
-
-    def due(self, fact: Fact) -> float:
-        if self.keeps and self.state.stopped_at > self.started_at:
-            return self._due_at_end(fact, self.state.stopped_at, LOOK_AGAIN)
-        if fact is Fact.POSITION and self._falls_behind(self.profile.turns_after, self._counts_per_turn):
-            return self.state.known(Fact.POSITION).at + LOOK_AGAIN / 2
-        if fact is Fact.POSITION and self.stop_at < _FOREVER:
-            asked = self.state.last(Fact.POSITION).at
-            soon = asked + max(LOOK_SOON, (self.stop_at - asked) / 2)
-            return soon if self.keeps else min(soon, self._due_at_end(fact, max(self.eta, self.begun_at), LOOK_SOON))
-        if not self.keeps:
-            return self._due_at_end(fact, max(self.eta, self.begun_at), LOOK_AGAIN / 2)
-        if fact is Fact.SPEED and not self.reached:
-            asked = self.state.known(Fact.SPEED).at
-            return self.eta if asked < self.eta else asked + LOOK_AGAIN
-        return _FOREVER
-
-    def _has_speed(self) -> bool:
-        speed = self.state.known(Fact.SPEED)
-        return speed.value is not None and speed.at >= self.started_at and is_speed(speed.value, self.profile.rpm)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from rs485bus.errors import (
     DriveFault,
     LimitReached,
@@ -16,11 +18,37 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.state import Fact
 
 LOST = "home() it or set_zero() first."
+_LATER = (Fact.RUNNING, Fact.POSITION, Fact.LIMIT)
+"""What is asked after all others: most is decided without the last one, and then the position is new enough to see that
+the axis stands."""
+
+
+def in_order(facts: Iterable[Fact]) -> Sequence[Fact]:
+    """The order in which to ask what is wrong with an axis."""
+    return sorted(facts, key=lambda fact: _LATER.index(fact) if fact in _LATER else -1)
+
+
+def is_decided(drive: Drive, axis: int, course: Course, since: float) -> bool:
+    """Whether what was asked of an axis since a time shows what is wrong with it, whatever else may be asked. It is in
+    the order of `diagnose`."""
+    state = drive.state.axes[axis]
+
+    def told(*facts: Fact) -> bool:
+        return state.since(since, drive.tells(*facts))
+
+    if not told(Fact.FAULT):
+        return False
+    if state.value(Fact.FAULT) or (told(Fact.STALLED) and state.value(Fact.STALLED)):
+        return True
+    is_off = state.value(Fact.ENABLED) is False or (state.lost and course.has_lost_reference)
+    if is_off and told(Fact.STALLED, *drive.marks(axis)):
+        return True
+    return told(*drive.wanted(axis))
 
 
 def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = "") -> MotionError:
-    """What is wrong with an axis. All that `Drive.wanted` names was asked since something was. `cause` is a sentence
-    about what may have stopped it beside what the drive tells."""
+    """What is wrong with an axis, of which that is decided. `cause` is a sentence about what may have stopped it beside
+    what the drive tells."""
     state = drive.state.axes[axis]
     place = f"{name} {course.place()}"
     fault = state.value(Fact.FAULT)

@@ -18,8 +18,8 @@ from rs485bus.bus.units.motion import Motion
 from rs485bus.errors import NotSupported
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Plan, nothing
-from rs485bus.motion.standstill import Standstill
 from rs485bus.motion.state import MOTION, AxisState, DriveState, Fact, Facts
+from rs485bus.motion.stop_judge import StopJudge
 from rs485bus.wire.frames import Request, payload
 
 _log = logging.getLogger("rs485bus")
@@ -100,6 +100,11 @@ class Ability(ABC):
     def rpm_step(self) -> float:
         """The step in which speeds of moves to a position can be told, in rpm."""
         return 1.0
+
+    @property
+    def stream_step(self) -> float:
+        """The same for streams, in which what is less is told as standing."""
+        return self.rpm_step
 
     @property
     def ramp_step(self) -> float:
@@ -309,7 +314,7 @@ class Drive(DeviceAdapter):
 
     def judgement(self, motion: Motion) -> StandstillDetector:
         axes = [at for at, axis in enumerate(self.state.axes) if axis.motion is motion]
-        return _StopJudge(self, axes or range(len(self.state.axes)))
+        return StopJudge(self, axes or range(len(self.state.axes)))
 
     def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
         try:
@@ -347,54 +352,3 @@ class Drive(DeviceAdapter):
         if effect.restarts:
             axis.stood_at = axis.holds = None
             axis.lost = effect.restarts
-
-
-class _StopJudge(StandstillDetector):
-    """Tells whether some axes of a drive stand, by what is asked after a stop."""
-
-    def __init__(self, drive: Drive, axes: Sequence[int]) -> None:
-        self._drive = drive
-        self._still = {axis: Standstill(drive.state.axes[axis].rule) for axis in axes}
-        self._status_last = False
-        """The status was asked for last."""
-
-    def stop_sent(self) -> None:
-        self._status_last = False
-
-    def ask(self, free: Callable[[Request], bool]) -> Request | None:
-        says_so = all(still.says_so for still in self._still.values())
-        self._status_last = not self._status_last and not says_so
-        running, position = (self._drive.reading(fact, free) for fact in (Fact.RUNNING, Fact.POSITION))
-        if self._status_last and running is not None:
-            return running.request
-        if position is not None:
-            return position.request
-        # The answer to another one shows that what is owed does not come any more.
-        others = (request for request in reversed(self._drive.reads()) if free(request))
-        return next(others, None)
-
-    def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
-        told, moves = self._drive.decode(request, reply), False
-        for axis, still in self._still.items():
-            facts = told[axis] if axis < len(told) else {}
-            seen = facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED)
-            still.see(sent_at, *seen, self._drive.state.so_by)
-            moves = moves or facts.get(Fact.RUNNING) is True
-        verdicts = [still.verdict for still in self._still.values()]
-        if False in verdicts:
-            return False
-        says_so = all(facts.get(Fact.RUNNING) is False for facts in told) and len(told) >= len(self._still)
-        self.by_status_alone = None in verdicts and says_so
-        if None in verdicts and not self.by_status_alone:
-            return False if moves else None
-        self.by_position_alone = not all(still.confirmed for still in self._still.values())
-        if not self.by_status_alone:
-            self._note_where(sent_at)
-        return True
-
-    def _note_where(self, sent_at: float) -> None:
-        """They stand where they were seen last: what is found elsewhere later has restarted."""
-        for axis, still in self._still.items():
-            state = self._drive.state.axes[axis]
-            if sent_at >= self._drive.may_start_until(state.motion):
-                state.stood_at = still.position

@@ -10,7 +10,7 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.errors import BusError, LimitReached, MotionError, MoveFailed
 from rs485bus.motion.carrier import Task
-from rs485bus.motion.courses import Course, RunCourse, Verdict
+from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.executor import MoveExecutor
 from rs485bus.motion.joint import PlanOfAll
@@ -19,6 +19,7 @@ from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Plan
 from rs485bus.motion.profile import RunProfile
+from rs485bus.motion.run_course import RunCourse
 from rs485bus.motion.run_limits import RunLimits
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Literal
 
 from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.errors import BusError, MotionError, MoveCancelled
-from rs485bus.motion.courses import Course, Verdict
+from rs485bus.motion.courses import MUCH_LESS, Course, Verdict
 from rs485bus.motion.drive import Ability
 from rs485bus.motion.move import Move
 from rs485bus.motion.standstill import NEVER
@@ -23,6 +24,7 @@ _HELD_UP = 0.5
 _LOOK_AGAIN = 0.05
 _FINDING_OUT = 0.3
 """Seconds for which nothing is told while it is found out what is wrong."""
+_CLOSE = 1e-6
 _FOREVER = float("inf")
 
 
@@ -64,6 +66,11 @@ class StreamCourse(Course):
         self._way, self._slowest = 0.0, _FOREVER
         """How far it should have gone since, in counts; the slowest that it was told since it was looked at, in rpm."""
 
+        self._least, self._seen_at = _FOREVER, NEVER
+        """The slowest that it was told since its position was last asked for, in rpm; when that was."""
+        self._is_behind = False
+        """It goes slower than it was told, or stays: it may have been let go."""
+
     def place(self) -> str:
         refused = self._streamer.refused
         return f"was told a speed in its stream ({refused})" if refused else "has stopped during its stream"
@@ -95,6 +102,8 @@ class StreamCourse(Course):
             soon = self._due_at_end(fact, self._streamer.stands_at, _LOOK_AGAIN)
             late = self._is_overdue(self._streamer.stands_at + _LOOK_AGAIN)
             return max(soon, self.state.last(fact).at + _LOOK_AGAIN) if late else soon
+        if fact is Fact.ENABLED and self._is_behind and self.state.known(fact).at < self.state.last(Fact.POSITION).at:
+            return NEVER
         if fact is Fact.SPEED:
             return self.state.last(fact).at + min(self.interval, _LOOK_AGAIN * 5)
         return _FOREVER
@@ -109,8 +118,8 @@ class StreamCourse(Course):
         position, told, rule = self.state.last(Fact.POSITION), self._streamer.told, self.state.rule
         if position.value is None:
             return False
-        step = self._ability.rpm_step
-        speed = abs(self._rpm) // step * step  # a drive makes less of it, and stands where that is nothing
+        step = self._ability.stream_step
+        speed = math.floor(abs(self._rpm) / step + _CLOSE) * step  # it is told less, and stands where that is nothing
         since = told.same_way_since[self._at] + self._grace
         if self._place is None or not speed or abs(rule.moved(self._place, position.value)) > rule.same:
             self._place, self._stays_since, self._looked_at, self._way = position.value, position.at, position.at, 0.0
@@ -120,7 +129,19 @@ class StreamCourse(Course):
         if position.at > self._looked_at:
             self._way += self._slowest / 60 * self._ability.counts_per_turn * (position.at - self._looked_at)
             self._looked_at, self._slowest = position.at, speed
-        return position.at - self._stays_since > _HELD_UP and self._way > _SHOWS * rule.same
+        stays = position.at - self._stays_since if self._way > _SHOWS * rule.same else 0.0
+        self._is_behind = stays > _LOOK_AGAIN or self._goes_slower(since, speed)
+        return stays > _HELD_UP
+
+    def _goes_slower(self, since: float, speed: float) -> bool:
+        """Whether it went much less between the last two looks than the slowest speed makes that it was told."""
+        begin, end, way = self.state.last_way
+        if end <= self._seen_at:
+            self._least = min(self._least, speed)
+            return self._is_behind
+        told, self._least, self._seen_at = min(self._least, speed), speed, end
+        wanted = told / 60 * self._ability.counts_per_turn * (end - begin)
+        return begin > since and abs(way) < MUCH_LESS * wanted - _SHOWS * self.state.rule.same
 
 
 class Setpoint:

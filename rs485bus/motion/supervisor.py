@@ -20,8 +20,8 @@ from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
-from rs485bus.motion.courses import Course, RunCourse, Verdict
-from rs485bus.motion.diagnosis import diagnose
+from rs485bus.motion.courses import Course, Verdict
+from rs485bus.motion.diagnosis import diagnose, in_order, is_decided
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
@@ -95,6 +95,8 @@ class Supervisor:
         self._rotated_at = NEVER
         self._not_before = NEVER
         self._misses = 0
+        self._missed: Fact | None = None
+        """What the last look was for, where that was not told: it gives way to whatever else is due."""
         self._since = NEVER
         """Since when it is looked at."""
         line, silence = bus.owner.pair.line, bus.owner.pair.silence
@@ -167,7 +169,7 @@ class Supervisor:
             if watched.course is not None and watched.course.goes_on and not watched.state.motion.may_move:
                 course, told = watched.course, watched.told
                 self.leave(axis)  # it was stopped, and seen standing
-                if told is not None and isinstance(course, RunCourse) and not course.reached:
+                if told is not None and not course.reached:
                     told(Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
             if watched.silent and self._drive.state.heard_at > self._since:
                 watched.silent = False
@@ -237,11 +239,11 @@ class Supervisor:
         """Find out what is wrong."""
         if watched.doubted_at is None:
             # What was asked while it stood already tells as much as what is asked now.
-            still = watched.state.standstill
-            watched.doubted_at = min(now, still.since + _SHOWN) if watched.state.stands else now
+            shown_at = watched.state.standstill.since + _SHOWN if watched.state.stands else now
+            watched.doubted_at = min(shown_at, self._drive.state.heard_at)
             if watched.told is not None:
                 watched.told(Verdict.DOUBTFUL, None)
-        if watched.course is course and watched.state.since(watched.doubted_at, self._drive.wanted(axis)):
+        if watched.course is course and is_decided(self._drive, axis, course, watched.doubted_at):
             self._end(watched, Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
 
     def _diagnose(self, axis: int, watched: _Watched, course: Course) -> MotionError:
@@ -282,7 +284,7 @@ class Supervisor:
             self._fell_silent()
             return
         unit.late.expire(now)
-        when, fact = self._next()
+        when, fact = self._next(now)
         if max(when, self._not_before) > now:
             self._wake_at(max(when, self._not_before))
             return
@@ -292,7 +294,7 @@ class Supervisor:
         job = self._unanswered.pop(request.adu, None)
         if job is None:
             job = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=0, weighs=True, on_end=self._answered)
-        self._job = job
+        self._job, self._missed = job, fact
         self._bus.submit(job)
         if not job.attempts:
             self._bus.call_at(now + _BLOCKED, functools.partial(self._give_way, job))
@@ -330,7 +332,7 @@ class Supervisor:
             return
         took = job.ended_at - job.sent_at + self._bus.owner.pair.silence
         if job.outcome is Outcome.REPLY:
-            self._misses = 0
+            self._misses, self._missed = 0, None
             self._takes += (took - self._takes) / 8
             if self._since != NEVER:
                 self._look()  # what it said was reviewed when it came
@@ -341,7 +343,7 @@ class Supervisor:
         self._not_before = job.ended_at + (0.0 if self._misses == 1 else min(took * (1 / SHARE - 1), _PAUSE))
         self.review()
 
-    def _next(self) -> tuple[float, Fact]:
+    def _next(self, now: float) -> tuple[float, Fact]:
         """What is to be asked next, and when."""
         best, fact = _FOREVER, self._drive.telling[0]
         for axis, watched in self._watched.items():
@@ -353,14 +355,16 @@ class Supervisor:
                 due = min(course.due(each), self._routine(each, watched, course, interval), stop_at)
                 if watched.doubted_at is not None and watched.state.known(each).at < watched.doubted_at:
                     due = NEVER
+                due = max(due, now) if each is self._missed else due
                 if due < best:
                     best, fact = due, each
         return best, fact
 
     def _facts(self, axis: int, course: Course) -> Iterable[Fact]:
         """What may be asked about an axis."""
-        facts = (*self._drive.telling, *self._drive.wanted(axis), Fact.SPEED, *course.facts)
-        return self._drive.tells(*dict.fromkeys(facts))
+        wanted = self._drive.wanted(axis)
+        first = self._drive.telling if self._watched[axis].doubted_at is None else in_order(wanted)
+        return self._drive.tells(*dict.fromkeys((*first, *wanted, Fact.SPEED, *course.facts)))
 
     def _routine(self, fact: Fact, watched: _Watched, course: Course, interval: float) -> float:
         """When a fact is due because the axis moves."""
@@ -392,6 +396,5 @@ class Supervisor:
         for watched in self._watched.values():
             if watched.course is not None:
                 course, watched.state.between = watched.course, watched.course.between
-                self._end(
-                    watched, Verdict.SILENT, MoveFailed(f"{watched.name} stopped answering during {course.what}.")
-                )
+                silent = MoveFailed(f"{watched.name} stopped answering during {course.what}.")
+                self._end(watched, Verdict.SILENT, silent)

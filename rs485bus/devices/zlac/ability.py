@@ -75,6 +75,10 @@ class ZlacAbility(Ability):
         return self.speed_limit, f"the least of max_rpm, 0x2008 and {r.MAX_RPM}"
 
     @property
+    def stream_step(self) -> float:
+        return 1 / self.resolution
+
+    @property
     def ramp_step(self) -> float:
         return 0.001
 

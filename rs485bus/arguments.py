@@ -10,12 +10,13 @@ from __future__ import annotations
 import enum
 import math
 import operator
-from collections.abc import Iterable
-from typing import SupportsFloat, SupportsIndex, TypeVar
+from collections.abc import Callable, Iterable
+from typing import Any, SupportsFloat, SupportsIndex, TypeVar
 
 from rs485bus.errors import LimitExceeded
 
 E = TypeVar("E", bound=enum.Enum)
+F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
 
@@ -113,6 +114,13 @@ def instance(name: str, value: T, kinds: type | tuple[type, ...], example: str) 
     """An object of one of some classes, as `example` makes one."""
     if not isinstance(value, kinds):
         raise TypeError(f"{name} must be made like {example}, not {value!r}{elsewhere(value)}")
+    return value
+
+
+def function(name: str, value: F) -> F:
+    """Something that can be called."""
+    if not callable(value):
+        raise TypeError(f"{name} must be a function, not {value!r}")
     return value
 
 

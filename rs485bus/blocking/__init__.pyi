@@ -551,6 +551,9 @@ class Handle(Generic[T]):
         """Have `callback` called with this handle when it ends, before anybody who awaits it goes on.
 
         Where it has ended already, `callback` is called at once. An exception that `callback` raises is logged.
+
+        Raises:
+            TypeError: it cannot be called.
         """
         ...
     def done(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 import anyio
 
+from rs485bus.arguments import function
 from rs485bus.bus.interrupts import interrupts_put_off
 from rs485bus.errors import LoopNotRunning, MotionError
 
@@ -66,7 +67,11 @@ class Handle(Generic[T]):
         """Have `callback` called with this handle when it ends, before anybody who awaits it goes on.
 
         Where it has ended already, `callback` is called at once. An exception that `callback` raises is logged.
+
+        Raises:
+            TypeError: it cannot be called.
         """
+        function("callback", callback)
         if self._over:
             self._call(callback)
         else:

@@ -32,8 +32,8 @@ class VirtualClock:
         return self._runner.run(main)
 
     def time(self) -> float:
-        """The virtual time, in seconds, on the clock of the latest event loop."""
-        return self._loops[-1].time() if self._loops else 0.0
+        """The virtual time, in seconds: that of the event loop that has come furthest."""
+        return max((loop.time() for loop in self._loops), default=0.0)
 
     def __enter__(self) -> VirtualClock:
         self._patch.setattr(shared_loop, "make", self._make)

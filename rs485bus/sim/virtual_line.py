@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Literal
 
 from rs485bus.errors import PortNotFound
+from rs485bus.sim.clock import VirtualClockLoop
 from rs485bus.sim.device import SimDevice
 from rs485bus.sim.line import VirtualPair
 from rs485bus.sim.noise import Noise
@@ -156,6 +157,9 @@ class VirtualLine:
     def _run(self) -> None:
         loop = asyncio.get_running_loop()
         if self._loop is not loop:
+            if self._loop is not None and isinstance(loop, VirtualClockLoop):
+                # The drives have lived on in the loop before: they would not understand a clock that goes back.
+                loop.block(max(0.0, self._loop.time() - loop.time()))
             self._loop = loop
             self._alarm = make_alarm(loop, self._pump)
 

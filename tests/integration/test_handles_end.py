@@ -184,3 +184,18 @@ async def test_a_command_that_is_cancelled_behind_a_stop_that_is_being_seen_leav
         assert await x.move_by(0.25) is not None
     gc.collect()
     assert complaints == []
+
+
+@virtual
+async def test_what_cannot_be_called_back_is_refused_at_once() -> None:
+    """It would be found out when the command ends, by a line in the log."""
+    async with bus_on(plant(2)) as (_, (x, y)):
+        x.enable()
+        handles: list[Any] = [x.move_to(1.0), AxisGroup(x=x, y=y).enable()]
+        for handle in handles:
+            for wrong in (None, 5, "print"):
+                with pytest.raises(TypeError, match="callback must be a function"):
+                    handle.add_done_callback(wrong)
+            await handle
+            with pytest.raises(TypeError, match="callback must be a function"):
+                handle.add_done_callback(None)

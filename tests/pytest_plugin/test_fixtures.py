@@ -49,6 +49,29 @@ def test_a_blocking_script_sleeps_in_virtual_time(virtual_line: VirtualLine, vir
         assert virtual_drives.turning() == []
 
 
+def test_a_line_is_opened_again_in_one_test(
+    virtual_clock: VirtualClock, virtual_line: VirtualLine, virtual_drives: VirtualDrives
+) -> None:
+    """A program that is started anew finds the drives as it left them: for them, no time goes back."""
+    virtual_drives.mks(1)
+
+    async def machine(target: float) -> float:
+        async with open_bus(virtual_line) as bus:
+            x = MksServo(bus, 1)
+            x.enable()
+            return await x.move_to(target)
+
+    for turns in (2, 4):
+        with blocking.open_bus(virtual_line) as bus:
+            x = bus.mks(1)
+            x.enable().wait()
+            assert x.move_to(turns - 1).wait() == turns - 1
+            time.sleep(60)
+            begun = virtual_clock.time()
+        assert virtual_clock.run(machine(turns)) == turns
+        assert virtual_clock.time() > begun
+
+
 def test_faults_come_when_they_are_asked_for(
     virtual_line: VirtualLine, virtual_drives: VirtualDrives, line_faults: LineFaults
 ) -> None:

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Generator
 from typing import Any, Generic, TypeVar, cast
 
+from rs485bus.arguments import function
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
 from rs485bus.motion.group.several import first_failure, when_all_have_ended
@@ -46,6 +47,7 @@ class Both(Generic[T]):
 
     def add_done_callback(self, callback: Callable[[Both[T]], object]) -> None:
         """Have `callback` called with this once both have ended, as `Handle.add_done_callback`."""
+        function("callback", callback)
         when_all_have_ended((self.left, self.right), lambda: callback(self))
 
     async def wait(self) -> tuple[T, T]:

@@ -7,7 +7,7 @@ import copy
 from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Mapping, Sequence
 from typing import Any, Generic, Never, TypeVar
 
-from rs485bus.arguments import elsewhere, positive
+from rs485bus.arguments import elsewhere, function, positive
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, NotSupported
 from rs485bus.motion.group.execution import GroupExecution, Wish
@@ -152,6 +152,7 @@ class HandleOfSeveral(Generic[T]):
 
     def add_done_callback(self, callback: Callable[[HandleOfSeveral[T]], object]) -> None:
         """Have `callback` called with this once all have ended, as `Handle.add_done_callback`."""
+        function("callback", callback)
         when_all_have_ended(self.parts.values(), lambda: callback(self))
 
     async def wait(self) -> dict[str, T]:

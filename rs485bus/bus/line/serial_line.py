@@ -199,11 +199,14 @@ class SerialLine:
             self.noisy_since = now  # a frame is no noise
         return received
 
-    def wait_until(self, stop_asked_at: float | None = None, expected: tuple[float, float] = (0, 0)) -> float:
+    def wait_until(
+        self, stop_asked_at: float | None = None, expected: tuple[float, float] = (0, 0), *, patient: bool = False
+    ) -> float:
         """Until when the job that is out may still be answered.
 
         A stop, asked for at the time given, waits for no more than a silence; where there is none, not much longer. On
         a quiet pair it waits for an answer that is expected just then: that would fall into the stop, and destroy it.
+        One that is `patient` waits for whatever is expected.
         """
         over = self.deadline
         if self.is_brief and (self._over_noise or self.heard_at > self.air_end):
@@ -214,8 +217,9 @@ class SerialLine:
             return over
         shortest = self.air_end + self._cut_after + self.latency
         frees, takes = self._cut_after, self.line.airtime(_STOP)
-        if self.heard_at <= self.air_end and expected[0] < frees + takes and frees < expected[1]:
-            shortest = max(shortest, self.air_end + min(expected[1], 2 * (frees + takes)) + self.latency)
+        if self.heard_at <= self.air_end and frees < expected[1] and (patient or expected[0] < frees + takes):
+            longest = expected[1] if patient else min(expected[1], 2 * (frees + takes))
+            shortest = max(shortest, self.air_end + longest + self.latency)
         noisy = self._unless_begun(max(shortest, stop_asked_at + STOP_WAITS))
         return min(over, noisy, max(shortest, self.heard_at + self._cut_after + self.latency))
 

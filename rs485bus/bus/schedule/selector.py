@@ -100,7 +100,14 @@ class Selector:
         asked_at = self.stop_waits()
         if asked_at is None or job is None:
             return pair.wait_until(asked_at)
-        return self._pair.wait_until(asked_at, self._units[job.address].reply_times.expected(job))
+        expected = self._units[job.address].reply_times.expected(job)
+        return self._pair.wait_until(asked_at, expected, patient=job.urgency in _STOPPING and self._only_repetitions)
+
+    @property
+    def _only_repetitions(self) -> bool:
+        """Whether all stops that wait were said before. They would keep each other from ever being answered."""
+        halts = (self._units[stop.address].halt for stop in self._queue.heads(Urgency.STOP))
+        return all(halt is not None and halt.is_said for halt in halts)
 
     def free_at(self) -> float:
         """From when on the next frame may be handed out, if nothing is out."""

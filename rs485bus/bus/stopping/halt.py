@@ -152,6 +152,8 @@ class Halt:
         self._now = now
         self._ordered_at = now
         self._orders = 0
+        self._said = -1
+        """The order that was on the wire last, by its number."""
         self._frames = frames
         self._hardened = False
         self._unacknowledged = 0
@@ -193,6 +195,11 @@ class Halt:
             self._detector = self.attached.judgement(self.motion)
         self.emergency = self.emergency or emergency
         return self._stop_frames()
+
+    @property
+    def is_said(self) -> bool:
+        """Whether the latest order has been on the wire: what is said further is a repetition."""
+        return self._said == self._orders
 
     def give_up(self) -> None:
         """Say that it was not seen standing, if nothing was said yet."""
@@ -249,7 +256,7 @@ class Halt:
 
     def _stop(self, pacing: Pacing) -> Procedure[None]:
         """Say it once."""
-        self._acknowledged, self._is_heard = True, False
+        self._acknowledged, self._is_heard, order = True, False, self._orders
         for request in self._stop_frames():
             stop = Job(
                 request,
@@ -261,7 +268,7 @@ class Halt:
             )
             self._now = yield stop
             if stop.attempts:
-                self._sent_at = stop.sent_at
+                self._sent_at, self._said = stop.sent_at, order
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
             # An exception is no acknowledgement; what refuses a stop in its own way says that there is nothing to stop.
             # An answer that may be an older request's is none either.

@@ -13,9 +13,17 @@ _TRY_AGAIN_AFTER = 0.5
 _URGENT_EVERY = 0.1
 """The same, at the latest, while nothing but stops is sent to it and it is not heard: what does not hear is not fed."""
 _BRIEF = 0.04
-"""Seconds for which an answer of such a device is waited for, so that there is time for a stop and a look."""
+"""Seconds for which an answer of such a device is waited for, so that there is time for a stop and a look. No shorter
+than it is known to take."""
 _BRIEFEST = 0.01
-"""The same once it was said that it could not be seen standing: others need the pair."""
+"""The same once it was said that it could not be seen standing: others need the pair. Now and then it is given its
+time."""
+_PATIENT = 5
+"""Attempts to one that is not heard of which one is given the time that it may take."""
+_FRAMES = 21
+"""Bytes of a stop or a look, with its answer, at most."""
+_ROUND = 2
+"""A stop and a look."""
 _FEW = 6
 """Devices that can be stopped at once with a look at two positions of each, and the last be seen to stand in time."""
 _FEW_AMONG_NOISE = 2
@@ -47,7 +55,10 @@ class StopPacing:
         unit = self._unit
         if not unit.is_stops_only or unit.heard_at > since:
             return None
-        return min(unit.reply_timeout, _BRIEFEST if reported else _BRIEF)
+        takes = unit.reply_times.longest
+        if unit.asked_in_vain % _PATIENT == _PATIENT - 1:
+            return min(unit.reply_timeout, max(_BRIEF, takes or unit.reply_timeout))
+        return min(unit.reply_timeout, _BRIEFEST if reported else max(_BRIEF, takes))
 
     @property
     def heard_at(self) -> float:
@@ -81,17 +92,25 @@ class StopPacing:
 
     @property
     def gives_up_after(self) -> float:
-        doubt = self._unit.late_reply_window * self._is_in_doubt
-        return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout) + doubt
+        in_turn = 1 if self._unit.asked_in_vain else self._stopping  # it answers, when it has its turn
+        return in_turn * self._in_vain + self._unit.late_reply_window * self._is_in_doubt
+
+    @property
+    def _in_vain(self) -> float:
+        return max(_IN_VAIN, 2 * STOPS * self._unit.reply_timeout)
 
     @property
     def looks_wait(self) -> float:
-        return self._stopping * self.gives_up_after
+        return self._stopping * self._in_vain
 
     def at_the_latest(self, sent_at: float) -> float:
         unit = self._unit
         guarded = self._feeding.get(unit.address) is not None
-        return sent_at + _URGENT_EVERY if unit.is_stops_only and not guarded else float("inf")
+        every = _URGENT_EVERY
+        if unit.heard_at > sent_at:
+            # Where each takes its time, the looks at all of them go before the next round of stops.
+            every = max(every, _ROUND * self._stopping * (unit.reply_times.longest + self._pair.line.airtime(_FRAMES)))
+        return sent_at + every if unit.is_stops_only and not guarded else float("inf")
 
     def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
         unit = self._unit

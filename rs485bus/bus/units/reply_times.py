@@ -57,6 +57,13 @@ class _Estimate:
         if self.samples >= _ENOUGH:
             self.wait = self.mean + _DEVIATIONS * self.deviation + MARGIN
 
+    @property
+    def latest(self) -> float:
+        """Within how many seconds a reply should begin; 0 where that is not known."""
+        if self.wait < _UNKNOWN:
+            return self.wait
+        return 1.5 * self.mean + MARGIN if self.samples else 0.0
+
 
 class ReplyTimes:
     """The reply times of one unit.
@@ -116,9 +123,13 @@ class ReplyTimes:
         """The earliest and the latest time at which the reply to a job should begin; 0 where that is not known."""
         for kind in (self._kinds[_kind(job)], *self._kinds):
             if kind.samples:
-                wait = kind.wait if kind.wait < _UNKNOWN else 1.5 * kind.mean + MARGIN
-                return 2 * kind.mean - wait, wait
+                return 2 * kind.mean - kind.latest, kind.latest
         return 0.0, 0.0
+
+    @property
+    def longest(self) -> float:
+        """Within how many seconds the reply to any request should begin; 0 where that is not known."""
+        return max(estimate.latest for estimate in self._kinds)
 
     def learned(self, kind: RequestKind) -> float | None:
         """How long such a request is waited for; None while that is not known."""

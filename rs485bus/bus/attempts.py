@@ -133,7 +133,7 @@ class Attempts:
             return
         waiting = unit.late.waiting(request, frame)
         if (since := unit.late.arrived(request, frame)) is not None:
-            self._feeding.heard(unit.address, since)
+            self._feeding.heard(unit.address, since, late=True)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame
                 if unit.attached is not None:

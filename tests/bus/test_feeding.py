@@ -67,6 +67,27 @@ def test_of_several_that_are_due_the_earliest_goes_first() -> None:
     assert order == [2, 1, 3]
 
 
+def test_one_that_answers_too_late_is_fed_by_that_and_goes_behind_those_that_answer_in_time() -> None:
+    """Each of its feeds takes the wire for as long as one that a dead device leaves unanswered."""
+    feeding = Feeding()
+    feeding.arm(watch(1))
+    feeding.arm(watch(2, heard_at=0.6))
+    for at in (0.34, 0.46, 0.58):
+        feeding.failed(1, at + 0.1, 0.1)
+        feeding.heard(1, at, late=True)
+    due = feeding.due(0.95)
+    assert due is not None
+    assert due.address == 2  # though the other one is due as well
+    feeding.heard(2, 0.95)
+    assert not feeding.overdue(1.5)
+    assert feeding.overdue(1.6)
+    for address, heard in ((1, 1.6), (2, 1.7)):
+        feeding.heard(address, heard)
+    due = feeding.due(2.2)
+    assert due is not None
+    assert due.address == 1  # it answers in time again
+
+
 def test_many_that_are_due_at_once_are_begun_with_early_enough() -> None:
     feeding = Feeding()
     for address in range(1, 17):

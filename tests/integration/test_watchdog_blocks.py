@@ -242,6 +242,17 @@ async def test_a_report_keeps_a_trip() -> None:
 
 
 @virtual
+async def test_a_report_ends_for_each_device_when_its_watchdog_is_turned_off() -> None:
+    """Another one takes its time to stop meanwhile."""
+    async with mks_bus(2) as (bus, sims, (x, y)):
+        async with bus.watchdog(x, y, timeout=1.0) as guard:
+            await asyncio.gather(x.enable(), y.enable())
+            await y.run(100, acceleration=79)
+        assert not any(sim.trips for sim in sims)
+        assert all(report.longest < 0.5 and not report.trips for report in guard.report())
+
+
+@virtual
 async def test_each_entry_has_a_report_of_its_own_that_can_be_read_after_it() -> None:
     async with mks_bus() as (bus, (sim,), (x,)):
         guard = bus.watchdog(x, timeout=0.6)

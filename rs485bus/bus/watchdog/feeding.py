@@ -133,18 +133,25 @@ class Feeding:
         self.reckon()
 
     def disarm(self, address: int) -> None:
-        """It is not armed any more, or will not be."""
-        self._forget(self._watches.pop(address, None))
-        self.armed = bool(self._watches)
-        self._planned.pop(address, None)
-        self._tripped.pop(address, None)
-        self.reckon()
+        """It is not armed any more, or will not be: how long its device is unheard from now on is no matter."""
+        watch = self._take_out(address)
+        if watch is not None:
+            watch.ledger.heard_at = None
 
     def trip(self, watch: ArmedWatchdog) -> None:
         """It may have stopped its device. It is not fed any more; how long the device is unheard is still noted."""
         watch.ledger.trips += 1
-        self.disarm(watch.address)
+        self._take_out(watch.address)
         self._tripped[watch.address] = watch.ledger
+
+    def _take_out(self, address: int) -> ArmedWatchdog | None:
+        watch = self._watches.pop(address, None)
+        self._forget(watch)
+        self.armed = bool(self._watches)
+        self._planned.pop(address, None)
+        self._tripped.pop(address, None)
+        self.reckon()
+        return watch
 
     def set_timeout(self, watch: ArmedWatchdog, timeout: float) -> None:
         """The register of an armed watchdog holds another time."""
@@ -183,8 +190,12 @@ class Feeding:
 
     # What was heard
 
-    def heard(self, address: int, since: float, at_most: float | None = None) -> None:
-        """The device acknowledged a frame that was sent at `since`, or later, but not later than `at_most`."""
+    def heard(self, address: int, since: float, at_most: float | None = None, *, late: bool = False) -> None:
+        """The device acknowledged a frame that was sent at `since`, or later, but not later than `at_most`.
+
+        What it acknowledges `late` feeds it. But the feeds that it missed have cost their time all the same: those that
+        answer in time still go before it.
+        """
         at_most = since if at_most is None else at_most
         watch = self._watches.get(address)
         if watch is None:
@@ -198,8 +209,9 @@ class Feeding:
                 if self.on_escape is not None:
                     self.on_escape(watch)
             watch.heard(since)
-            self._misses -= watch.failures
-            watch.failures = 0
+            if not late:
+                self._misses -= watch.failures
+                watch.failures = 0
             if watch.retry_at != _MUTED:
                 watch.retry_at = 0.0
 

@@ -125,6 +125,8 @@ class VirtualPair:
             self._over_noise = not is_quiet and waited >= _STOP_WAITS
             self.frames_over_noise += self._over_noise
             self.early_frames += not (is_quiet or self._over_noise)
+            if self._over_noise:
+                self._busy_since = min(self._busy_since, noisy_since)  # for what is said next, too
         if talk is not None:
             talk.destroyed = self._spoilt = True
             self.collisions += 1

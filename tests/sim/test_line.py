@@ -81,6 +81,18 @@ def test_a_gap_that_a_frame_has_fallen_into_does_not_end_the_noise_that_the_next
     assert (line.frames_over_noise, line.early_frames) == (1, 0)
 
 
+def test_all_that_is_said_over_noise_after_a_gap_in_it_has_waited_for_the_same_noise() -> None:
+    """A frame went out in the gap. Three stops waited, and the noise goes on before there is another silence."""
+    fast = LineSettings(baudrate=115200)
+    line = VirtualPair((SimUnit(1, {0: 7}),), fast, Noise(), 0)
+    begin = 0.024 + fast.t35
+    line.babble(iter([*24 * [0.001], begin + fast.airtime(8) + 0.0008 - 0.024, *40 * [0.001]]), 0.0)
+    for at in (begin, begin + 0.004, begin + 0.008, begin + 0.012):
+        hear(line, at)
+        line.transmit(ASK.adu, at)
+    assert (line.frames_over_noise, line.early_frames) == (3, 0)
+
+
 def test_what_follows_an_answer_at_once_is_early_however_noisy_the_pair_was_before() -> None:
     line = pair()
     line.babble(itertools.repeat(0.001, 30), 0.0)

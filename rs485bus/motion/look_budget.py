@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Iterable
 
+from rs485bus.bus.line.serial_line import SerialLine
+from rs485bus.bus.schedule.burst import takes
+from rs485bus.bus.units.reply_times import ReplyTimes
 from rs485bus.errors import LimitExceeded
+from rs485bus.wire.frames import Request
 
 _log = logging.getLogger("rs485bus")
 
@@ -20,6 +25,40 @@ _LOOKS = 1 + 1 / SILENT
 _NOTICEABLY = 1.02
 """How many times as long as it should be an interval is that is told: it reads differently, too."""
 _FOREVER = float("inf")
+_TURNAROUND = 0.002
+"""Seconds that a drive takes to answer that was never asked."""
+_GAIN = 1 / 8
+
+
+class LookTime:
+    """For how long one look at a drive takes the wire: by how soon it has answered so far, then as measured.
+
+    Args:
+        pair: the pair it is on.
+        times: how long it takes to answer.
+        requests: what it is asked.
+    """
+
+    __slots__ = ("_measured", "_pair", "_requests", "_times")
+
+    def __init__(self, pair: SerialLine, times: ReplyTimes, requests: Iterable[Request]) -> None:
+        self._pair = pair
+        self._times = times
+        self._requests = tuple(requests)
+        self._measured = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds from the begin of a look to that of the next frame."""
+        pair = self._pair
+        if self._measured:
+            return self._measured
+        turnaround = self._times.usual or _TURNAROUND
+        return pair.latency + max(takes(pair.line, pair.silence, request, turnaround) for request in self._requests)
+
+    def took(self, seconds: float) -> None:
+        """A look was answered after so many seconds."""
+        self._measured = self.seconds + _GAIN * (seconds + self._pair.silence - self.seconds)
 
 
 class LookBudget:
@@ -35,7 +74,7 @@ class LookBudget:
         self._told = False
 
     def enter(self, looks: object, takes: float) -> None:
-        """A drive may move; one look at it takes the wire for so many seconds."""
+        """A drive may move; one look at it takes the wire for so many seconds, as far as is known by now."""
         self._takes[looks] = takes
         if self.interval > _NOTICEABLY * self._supervision and not self._told:
             self._told = True

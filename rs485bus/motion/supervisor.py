@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 from rs485bus.arguments import instance
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.schedule.burst import takes
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
 from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.unit_state import UnitState
@@ -25,7 +24,7 @@ from rs485bus.motion.diagnosis import diagnose, in_order, is_decided
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
-from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget
+from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget, LookTime
 from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.plan_lock import PlanLock
 from rs485bus.motion.standstill import NEVER
@@ -99,8 +98,8 @@ class Supervisor:
         """What the last look was for, where that was not told: it gives way to whatever else is due."""
         self._since = NEVER
         """Since when it is looked at."""
-        line, silence = bus.owner.pair.line, bus.owner.pair.silence
-        self._takes = max(takes(line, silence, reading.request, 0.002) for reading in drive.readings)
+        times = bus.owner.units[drive.address].reply_times
+        self._look_time = LookTime(bus.owner.pair, times, (reading.request for reading in drive.readings))
         drive.state.listen(self.review)
 
     def watch(
@@ -113,7 +112,7 @@ class Supervisor:
 
     def check_room(self, name: str) -> None:
         """Raise `LimitExceeded` where there is no room on the wire to look at this drive, too, while it moves."""
-        self._budget.check(self, self._takes, name)
+        self._budget.check(self, self._look_time.seconds, name)
 
     def begin(self, axis: int) -> None:
         """An axis is being told to move. Who does that sees whether it was, and says what follows then."""
@@ -184,7 +183,7 @@ class Supervisor:
             return
         if self._since == NEVER:
             self._since = now
-            self._budget.enter(self, self._takes)
+            self._budget.enter(self, self._look_time.seconds)
         self._look()
 
     def _tell_of_restart(self, watched: _Watched) -> None:
@@ -330,11 +329,12 @@ class Supervisor:
         if job.outcome is Outcome.NOT_SENT:
             self.review()
             return
-        took = job.ended_at - job.sent_at + self._bus.owner.pair.silence
+        took = job.ended_at - job.sent_at
         if job.outcome is Outcome.REPLY:
             self._misses, self._missed = 0, None
-            self._takes += (took - self._takes) / 8
+            self._look_time.took(took)
             if self._since != NEVER:
+                self._budget.enter(self, self._look_time.seconds)
                 self._look()  # what it said was reviewed when it came
             return
         # The first repetition goes at once; later ones leave the wire to others.

@@ -35,7 +35,7 @@ async def poll(unit: Unit) -> None:
         await unit.read_holding_registers(0, 40)
 
 
-CONFIG = BusConfig(supervision=1.0, close_timeout=1.0)
+CONFIG = BusConfig(supervision=5.0, close_timeout=1.0)
 
 
 @pytest.mark.parametrize("takes", [0.02, 0.06, 0.075, 0.09])

@@ -127,6 +127,12 @@ class ReplyTimes:
         return 0.0, 0.0
 
     @property
+    def usual(self) -> float:
+        """After how many seconds it usually begins to answer a read; 0 where that is not known."""
+        estimates = (self._kinds[kind] for kind in (RequestKind.READ, RequestKind.FEED, RequestKind.WRITE))
+        return next((estimate.mean for estimate in estimates if estimate.samples), 0.0)
+
+    @property
     def longest(self) -> float:
         """Within how many seconds the reply to any request should begin; 0 where that is not known."""
         return max(estimate.latest for estimate in self._kinds)

@@ -11,7 +11,7 @@ from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.line.transaction import Kind
 from rs485bus.bus.record import Journal, Record
 from rs485bus.bus.schedule.admission import AdmissionControl
-from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.job import NOT_WEIGHED, Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.lingering import Lingering
 from rs485bus.bus.schedule.pipeline import Pipeline
 from rs485bus.bus.schedule.queue import Queue
@@ -133,7 +133,7 @@ class Attempts:
             return
         waiting = unit.late.waiting(request, frame)
         if (since := unit.late.arrived(request, frame)) is not None:
-            self._feeding.heard(unit.address, since, late=True)
+            self._feeding.heard(unit.address, since)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame
                 if unit.attached is not None:
@@ -184,17 +184,19 @@ class Attempts:
             asked_at = unit.late.asked_in_turn(job, since) if unit.late.owed else since
             if asked_at > NEVER:
                 unit.attached.on_reply(request, frame, asked_at, now)
-        if not (job.weighs and since < job.queued_at and self._is_asked_again(job, unit)):
+        if job.weighed < 0 or since >= job.queued_at or not self._is_asked_again(job, unit):
             self._end(job, Outcome.REPLY)
 
     def _is_asked_again(self, job: Job, unit: UnitState) -> bool:
         """Whether a job is asked again whose answer may be a late reply. Where that does not decide it, the bus' own go
         by what was said of its age; others wait until no reply can come late."""
-        if not unit.late.may_be_decided(job):
-            if job.internal:
-                return False
-            job.weighs = False
-        return self._repeating.to_weigh(job, self._clock.now)
+        if unit.late.may_be_decided(job):
+            job.weighed += 1
+        elif job.internal:
+            return False
+        else:
+            job.cuts, job.weighed = job.cuts + job.weighed, NOT_WEIGHED
+        return self._repeating.once_more(job, self._clock.now)
 
     def _is_anothers(self, job: Job, unit: UnitState, frame: bytes) -> bool:
         """Whether the answer to a stop may be an older request's, for whose reply the stop did not wait."""

@@ -194,7 +194,7 @@ class AdmissionControl:
             return unit.silent_until
         if self._echo.verdict is None and self.waits_for_verdict(job):
             return _FOREVER
-        if unit.late.owed and not (job.ignores_late_replies or (job.weighs and not unit.late.in_order)):
+        if unit.late.owed and not (job.ignores_late_replies or (job.weighed >= 0 and not unit.late.in_order)):
             unit.late.expire(now)
             if (until := unit.late.must_wait(job.request, job)) > now:
                 self.held_up.add(unit)

@@ -13,6 +13,9 @@ from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.frames import BROADCAST, Request
 from rs485bus.wire.registers import Repeat
 
+NOT_WEIGHED = -1
+"""Of a job that waits for late replies."""
+
 
 class Urgency(enum.IntEnum):
     """Who goes first on the wire. A lower value goes before a higher one."""
@@ -152,7 +155,6 @@ class Job:
         "urgency",
         "verify",
         "weighed",
-        "weighs",
     )
 
     def __init__(
@@ -197,7 +199,8 @@ class Job:
         self.internal = internal
         self.retries = retries
         self.setpoint = setpoint
-        self.weighs = weighs
+        self.weighed = 0 if weighs else NOT_WEIGHED
+        """Attempts whose answer did not decide."""
         self.goes_on = goes_on
         self.backs_off = backs_off
         self.slot = slot
@@ -222,8 +225,6 @@ class Job:
         """Until when it is repeated, however often: its attempts did not take as long as they may."""
         self.attempts = 0
         self.unanswered = 0
-        self.weighed = 0
-        """Attempts whose answer did not decide."""
         self.cuts = 0
         """Attempts for whose answer a stop did not wait."""
         self.feeds = False

@@ -87,11 +87,10 @@ class Repeating:
             unknown = job.unanswered and job.request.writes
             self._end(job, Outcome.UNKNOWN if unknown else Outcome.REFUSED, Reason.NONE)
 
-    def to_weigh(self, job: Job, now: float) -> bool:
-        """The answer to the latest attempt may be a late reply. False if that is not found out by asking again."""
+    def once_more(self, job: Job, now: float) -> bool:
+        """The answer to the latest attempt may be a late reply. False if nothing more is to be sent for the job."""
         if not self._is_wanted(job, now):
             return False
-        job.weighed += 1
         self._queue.put(job, first=True)
         return True
 
@@ -166,7 +165,7 @@ def _was_begun(job: Job) -> bool:
 
 def _attempts(job: Job) -> int:
     """How often it was sent and given its time."""
-    return job.attempts - min(job.cuts, _CUTS) - job.weighed
+    return job.attempts - min(job.cuts, _CUTS) - max(job.weighed, 0)
 
 
 def _pause(times: int) -> float:

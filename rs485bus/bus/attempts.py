@@ -131,8 +131,10 @@ class Attempts:
         hurry(unit, self._clock.now)
         if request is None:
             return
-        waiting = unit.late.waiting(request, frame)
+        waiting, latest = unit.late.waiting(request, frame), unit.late.latest(request, frame)
         if (since := unit.late.arrived(request, frame)) is not None:
+            if unit.attached is not None and latest > NEVER:
+                unit.attached.on_late_reply(latest)
             self._feeding.heard(unit.address, since)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame

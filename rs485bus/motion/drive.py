@@ -326,6 +326,9 @@ class Drive(DeviceAdapter):
     def on_unanswered(self, sent_at: float) -> None:
         self.state.silence.missed(sent_at)
 
+    def on_late_reply(self, sent_at: float) -> None:
+        self.state.hear_late(sent_at)
+
     def on_sent(self, request: Request, at: float) -> None:
         if not request.writes:
             return

@@ -100,6 +100,8 @@ class AxisState:
         """When its drive gave the last answer before a silence in which it may have restarted."""
         self.back_at: float | None = None
         """When it was asked what it answered first after that; None where its position was told since."""
+        self.back_heard_at = NEVER
+        """When that answer came."""
         self.was_unheard = False
         """Its drive was not heard for so long, before its last answer, that it may have restarted."""
         self.keeps = False
@@ -158,7 +160,7 @@ class AxisState:
             before = self._facts.get(fact, _UNKNOWN)
             if at >= before.at and at >= self._changed.get(fact, NEVER):
                 if fact is Fact.POSITION:
-                    self._notice_jump(before, value, now)
+                    self._notice_jump(before, value, at, now)
                     if before.value is not None:
                         self.last_way = (before.at, at, self.rule.moved(before.value, value))
                 self._facts[fact] = Known(value, at)
@@ -194,12 +196,13 @@ class AxisState:
         if not self.lost:
             self.lost = self.distrusted = why
 
-    def _notice_jump(self, before: Known, position: int, now: float) -> None:
+    def _notice_jump(self, before: Known, position: int, at: float, now: float) -> None:
         """Notice a position to which it cannot have come: its drive counts anew."""
         if self.may_be_moved:
             self.stood_at = None
         between, self.between = self.between, None
-        back_at, self.back_at = self.back_at, None
+        back_at = self.back_at if at >= self.back_heard_at else None  # else that may have been asked before
+        self.back_at = self.back_at if back_at is None else None
         unheard, self.was_unheard = self.was_unheard, False
         if self.counts_anew:
             return
@@ -297,7 +300,7 @@ class DriveState:
                 self.gap_at = now  # the first attempt may have been made long ago, and be what is answered
             if was_silent and not tells_restarts:
                 for axis in self.axes:
-                    axis.silent_since, axis.back_at = self._answered_at, at
+                    axis.silent_since, axis.back_at, axis.back_heard_at = self._answered_at, at, now
         self._answered_at, self.so_by = now, max(at, now - self._quickest)
         self._quickest = min(self._quickest or now - at, now - at)
         self.heard_at = max(self.heard_at, at)
@@ -305,6 +308,12 @@ class DriveState:
             if facts:
                 axis.learn(facts, at, now, self.so_by)
         self.tell()
+
+    def hear_late(self, sent_at: float) -> None:
+        """A late reply came, to what was sent then at the latest: it shows for how long the drive has gone on."""
+        if not self.silence.came_late(sent_at):
+            for axis in self.axes:
+                axis.back_at = None
 
     def unsure_since(self, now: float) -> float:
         """When, or later, what a restart would change must have been asked."""

@@ -206,6 +206,12 @@ class PendingReplies:
         """How many replies are owed that look like the one that a job got."""
         return sum(_may_give(owed.request, job.reply, job.request) for owed in self.owed)
 
+    def latest(self, request: Request, frame: bytes) -> float:
+        """When the latest one was sent that a late reply may answer; NEVER if there is none, and where a gateway may
+        have kept it."""
+        alike = (owed.sent_at for owed in self.owed if self.in_order and _may_give(owed.request, frame, request))
+        return max(alike, default=NEVER)
+
     def arrived(self, request: Request, frame: bytes = b"") -> float | None:
         """A late reply to such a request arrived. Returns when the oldest one was sent that it may answer; None for
         a copy, or if there is none."""

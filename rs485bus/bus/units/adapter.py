@@ -164,6 +164,10 @@ class DeviceAdapter(ABC):
         """It has not answered a request in its time, whoever asked."""
         return
 
+    def on_late_reply(self, sent_at: float) -> None:
+        """A reply came too late for whoever asked, to what was sent then at the latest. It is told to nobody else."""
+        return
+
     def on_sent(self, request: Request, at: float) -> None:
         """A write to it goes out, whoever sends it, or a broadcast that it hears."""
         return

@@ -11,6 +11,7 @@ from rs485bus.devices.mks import Homed, SingleTurnHoming
 from rs485bus.devices.mks import registers as r
 from rs485bus.errors import NoReply, OutcomeUnknown, RearmRequired, ReferenceLost, StopUnconfirmed
 from rs485bus.motion.silence import Silence
+from rs485bus.sim.campaigns.faults.case import Case
 from tests.devices.mks.bench import Bench, FlakyMks, bench, on_virtual_clock, under_way
 
 
@@ -402,6 +403,51 @@ def test_a_silence_is_one_that_the_line_does_not_explain() -> None:
         for _ in range(9):
             silence.missed(3.0)
         assert not silence.answered(3.2)  # it was not waited for
+
+
+def _unanswered(*sent_at: float) -> Silence:
+    silence = Silence()
+    for _ in range(50):
+        silence.answered(0.0)
+    for at in sent_at:
+        silence.missed(at)
+    return silence
+
+
+def test_a_late_reply_shows_that_a_drive_has_not_restarted_since_it_was_asked() -> None:
+    times = [1.0 + 0.1 * step for step in range(8)]
+    silence = _unanswered(*times)
+    silence.came_late(1.05)  # what was sent at 1.0
+    assert not silence.answered(2.0)
+    silence = _unanswered(*times)
+    silence.came_late(1.65)  # it may have restarted before it was asked that
+    assert silence.answered(2.0)
+    silence = _unanswered(*times)
+    silence.came_late(1.05)
+    for at in (3.0, 3.1, 3.2, 3.3, 3.4):
+        silence.missed(at)
+    assert silence.answered(4.0)  # it restarts after that
+
+
+def test_a_drive_that_answers_late_all_that_it_was_asked_has_not_restarted() -> None:
+    silence = _unanswered(1.0, 1.1, 1.2, 1.3, 1.4)
+    assert silence.answered(1.6)
+    assert silence.came_late(1.4)  # one answer says little
+    assert silence.came_late(1.4)
+    assert silence.came_late(1.4)
+    assert not silence.came_late(1.4)  # the first of as many answers was one to what was asked at 1.2 or before
+
+
+def test_late_replies_to_what_was_missed_by_nobody_are_no_silence() -> None:
+    silence = _unanswered()
+    assert not any(silence.came_late(1.0) for _ in range(5))
+    assert not silence.answered(2.0)
+
+
+@pytest.mark.parametrize("frame", [5, 7, 9])
+def test_a_late_reply_in_a_stream_near_zero_is_no_restart(frame: int) -> None:
+    evidence = Case("mks", "stream-of-speeds", faults=(("reply-very-late", frame),)).run()
+    assert not [call for call in evidence.calls if "ReferenceLost" in str(call)]
 
 
 @on_virtual_clock

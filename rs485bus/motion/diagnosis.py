@@ -68,8 +68,8 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
         return LimitReached(f"{place}{at_zero}, {limit}. Move it off the limit the other way.")
     if state.stands is not False and not state.standstill.confirmed and state.value(Fact.RUNNING) is not False:
         return MotorStalled(
-            f"{place}, and its drive says that it moves: something holds the shaft. It was stopped, lest it goes on "
-            f"when that lets go. {drive.stall_remedy}"
+            f"{place}, and its drive says that it moves. Either something holds the shaft, or that status is stuck: "
+            f"look at the machine. It was stopped, lest it goes on when what holds it lets go. {drive.stall_remedy}"
         )
     return MoveFailed(f"{place}{_near_miss(course)}. {drive.what_else(axis)} {cause}".rstrip())
 

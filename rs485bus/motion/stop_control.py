@@ -18,6 +18,7 @@ from rs485bus.errors import (
     EmergencyStopped,
     MotionError,
     MotionInterrupted,
+    MotorStalled,
     MoveCancelled,
     NotSent,
     RearmRequired,
@@ -28,6 +29,7 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import EventKind
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.move import Move
+from rs485bus.motion.state import Fact
 from rs485bus.motion.supervisor import Supervisor
 
 _STOPS = 3
@@ -226,10 +228,25 @@ class StopControl:
         told = next((other.failure for other in self.others if other.failure and not other.failure.seen), None)
         failure = self.failure = told or Handle(what, self._bus.unseen)
         kept = [other for other in self._taken_along(emergency) if other.keeps]
-        self.begin_stop(emergency=emergency, why=error)
+        state = self._drive.state.axes[self._axis]
+        by_status = isinstance(error, MotorStalled) and state.value(Fact.PUSHES) and not state.value(Fact.STALLED)
+        stop = self.begin_stop(emergency=emergency, why=error)
+        if by_status:
+            stop.add_done_callback(lambda _: self._reconsider(stop, failure))
         self.queue.fail(failure, error)
         for other in kept:
             other.queue.fail(failure, error)  # who sees it once has seen it
+
+    def _reconsider(self, stop: Handle[None], failure: Handle[Any]) -> None:
+        """A shaft was taken for held, by a status that says that the motor is driven. Where that says so after a stop,
+        too, it is stuck: nothing was wrong."""
+        state = self._drive.state.axes[self._axis]
+        if stop.error is None and self.failure is failure and state.value(Fact.PUSHES) and state.standstill.unmoved:
+            what = "its status goes on saying that it is driven, after a stop, and it stands: that status is stuck"
+            _log.warning("%s: %s", self._name, what)
+            self.tell(EventKind.STOP, what)
+            failure.seen = True
+            self.queue.forgive()
 
     # What its group needs
 

@@ -103,6 +103,18 @@ def test_a_held_shaft_is_stopped_and_does_not_turn_when_it_is_freed() -> None:
     assert heard[0].kind.value == "stall"
 
 
+def test_a_status_that_is_stuck_at_full_speed_after_somebody_elses_motion_is_no_held_shaft() -> None:
+    async def act(bus: Bus, x: MksServo, sim: SimMks) -> None:
+        await bus.unit(1).write_registers(*RUN)
+        await asyncio.sleep(1.0)
+        await bus.unit(1).write_registers(*STAND)
+        await asyncio.sleep(2.0)
+        await x.move_by(0.1)  # it takes commands
+
+    heard = on_virtual_clock(mks(act, stuck_status=Status.FULL_SPEED))
+    assert not heard or any("stuck" in event.what for event in heard)
+
+
 @pytest.mark.parametrize("rate", [5, 20, 50])
 def test_a_motor_that_stops_under_somebody_elses_stream_is_told_in_time(rate: int) -> None:
     async def act(bus: Bus, x: MksServo, sim: SimMks) -> None:

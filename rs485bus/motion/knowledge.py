@@ -23,7 +23,7 @@ from rs485bus.wire.frames import Request
 _LOOK_AGAIN = 0.005
 _ROUND = 1.5
 """How many times as long as the last look at a position the next one may take."""
-_LOOKS, _DOUBT_LASTS = 4, 5.0
+_LOOKS, _DOUBT_LASTS = 2, 5.0
 """Looks that tell nothing, and seconds, after which it is given up to see whether an axis stands."""
 _ATTEMPTS = 3
 """How often something is asked that is refused, whose answer tells nothing or may have been that to something older."""

@@ -9,7 +9,8 @@ import pytest
 
 from rs485bus import MksServo, TlrStepper, open_bus
 from rs485bus.errors import BusError, NotSent, StopUnconfirmed
-from rs485bus.sim import SimMks, SimTlr, VirtualLine
+from rs485bus.sim import SimMks, SimTlr, SimUnit, VirtualLine
+from rs485bus.sim.treatment import PLAIN, Treatment
 from tests.integration.support import virtual
 
 Verb = Callable[[MksServo], Awaitable[Any]]
@@ -87,3 +88,29 @@ async def test_a_stream_is_left_though_the_drive_acknowledges_its_end_too_late(
             ended = loop.time()
     assert 0 < ended - left < 10
     assert not sim.moving(loop.time())
+
+
+@pytest.mark.parametrize("code", [None, 5])
+@virtual
+async def test_others_have_their_turns_while_one_that_answers_to_no_purpose_is_stopped_again_and_again(
+    code: int | None,
+) -> None:
+    """It answers too late, or that it is still at it, and so is never taken for one that is not there."""
+    sim = Slow(1)
+    line = VirtualLine(sim, SimUnit(7, {0: 5}))
+    loop = asyncio.get_running_loop()
+    with suppress(ExceptionGroup):  # that it was not seen standing is told as well
+        async with open_bus(line) as bus:
+            x = MksServo(bus, 1)
+            await x.enable()
+            if code is None:
+                sim.takes = 0.2
+            else:
+                line.pair.script = lambda frame, now: Treatment(code=code) if frame[0] == 1 else PLAIN
+            until = loop.time() + 5
+            report = await bus.emergency_stop()
+            assert not report.devices[0].standing
+            while loop.time() < until:
+                async with asyncio.timeout(0.5):
+                    assert await bus.unit(7).read_holding_registers(0, 1) == [5]
+                await asyncio.sleep(0.02)

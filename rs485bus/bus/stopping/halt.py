@@ -233,6 +233,8 @@ class Halt:
             if self.told is not None:
                 until = pacing.next_at(self._now, self._sent_at, self._acknowledged)
                 others = self._now + self._took  # have their turns, too, however often it is heard again
+                if not self._acknowledged and self._wait(pacing) is None:
+                    until = max(until, others)  # it is heard, and waited for in full all the same
                 while self._now < until and order == self._orders and not self._over:
                     if self._now >= others and self._is_back(pacing):
                         break

@@ -116,12 +116,22 @@ class Field(Generic[T]):
         return data if self.word_order == "big" else _swapped(data)
 
     def decode(self, data: bytes) -> T:
-        """The value in the first bytes of `data`. A value the table does not name raises `ValueError`."""
+        """The value in the first bytes of `data`.
+
+        Raises:
+            LimitExceeded: the table does not name it. It is a `ValueError`, too.
+        """
         if self.word_order == "little":
             data = _swapped(data[: self.number.size])
         raw = self.number.decode(data)
         if self.into is not None:
-            return self.into(cast(int, raw))
+            try:
+                return self.into(cast(int, raw))
+            except ValueError:
+                raise LimitExceeded(
+                    f"{self.name} reads {raw}, of which the manual says nothing. Look whether "
+                    "such a drive is at that address."
+                ) from None
         if self.step == 1:
             return cast(T, raw)
         parts = _parts(self.step)

@@ -101,6 +101,11 @@ def test_choices_are_named() -> None:
         COLOUR.decode(b"\x00\x03")
 
 
+def test_a_value_that_the_table_does_not_name_is_said_with_the_name_of_what_was_read() -> None:
+    with pytest.raises(LimitExceeded, match="colour reads 65535, of which the manual says nothing"):
+        COLOUR.decode(b"\xff\xff")
+
+
 def test_flags_combine() -> None:
     flags: Register[Bits] = Register("bits", U16, into=Bits, address=1)
     assert flags.decode(b"\x00\x03") == Bits.A | Bits.B

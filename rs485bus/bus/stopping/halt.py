@@ -156,7 +156,7 @@ class Halt:
         """The order that was on the wire last, by its number."""
         self._frames = frames
         self._hardened = False
-        self._unacknowledged = 0
+        self._unacknowledged = self._in_vain = 0
         """Stops in a row that were not."""
         self._sent_at = NEVER
         self._evidence_from = _FOREVER
@@ -233,8 +233,9 @@ class Halt:
             if self.told is not None:
                 until = pacing.next_at(self._now, self._sent_at, self._acknowledged)
                 others = self._now + self._took  # have their turns, too, however often it is heard again
-                if not self._acknowledged and self._wait(pacing) is None:
-                    until = max(until, others)  # it is heard, and waited for in full all the same
+                self._in_vain = 0 if self._acknowledged or self._wait(pacing) is not None else self._in_vain + 1
+                if self._in_vain > 1:
+                    until = max(until, others)  # it is heard, and waited for in full, again and again
                 while self._now < until and order == self._orders and not self._over:
                     if self._now >= others and self._is_back(pacing):
                         break

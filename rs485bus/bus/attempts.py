@@ -132,10 +132,13 @@ class Attempts:
         if request is None:
             return
         waiting, latest = unit.late.waiting(request, frame), unit.late.latest(request, frame)
+        is_the_only_one = unit.late.count(request, frame) == 1
         if (since := unit.late.arrived(request, frame)) is not None:
             if unit.attached is not None and latest > NEVER:
                 unit.attached.on_late_reply(latest)
             self._feeding.heard(unit.address, since)
+            if is_the_only_one:
+                unit.answered_late(self._clock.now - since)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame
                 if unit.attached is not None:

@@ -28,11 +28,13 @@ class BusConfig:
     turnaround: float = 0.1
     """Silence after a broadcast. 0..2."""
     late_reply_window: float = _PAIR_WINDOW
-    """How long after the end of its reply budget an unanswered request may still be answered. 0.05..10. Left as it is,
-    it means 5 s behind a gateway, which may hold replies back."""
+    """How long after the end of its reply budget an unanswered request may still be answered. 0.05..10. It grows by
+    itself, to 5 s, for a unit whose late reply came in its second half. Left as it is, it means 5 s behind a gateway,
+    which may hold replies back."""
     in_order: bool = True
     """Replies of one unit come in the order in which it was asked, as bytes on one pair do. False for a line on which
-    they may overtake each other: then only the end of the window settles a late reply. Not assumed behind gateways."""
+    they may overtake each other: then a late reply is settled by the end of the window only, and a look by more equal
+    answers than can be late. Not assumed behind gateways."""
     offline_after: int = 3
     """Unanswered requests in a row before which a device is never taken for offline. After them it is, once its silence
     is less likely than one in a billion for what the line loses: five attempts on a good one. 1..100."""

@@ -203,3 +203,27 @@ def test_who_would_wait_without_end_for_late_replies_is_told_so() -> None:
     assert waiting.outcome is Outcome.NOT_SENT
     assert waiting.reason is Reason.OWED
     assert 5 <= waiting.ended_at - waiting.queued_at < 6
+
+
+def test_a_unit_that_answers_near_the_end_of_its_window_is_given_a_longer_one(caplog: pytest.LogCaptureFixture) -> None:
+    """The next reply comes later yet. It would be taken for the answer to what is asked then."""
+    unit = Scripted(1, 0.5, 0.7)
+    rig = Rig(unit, config=ONCE)
+    rig.done(rig.submit(read_holding(1, 0, 1)))
+    rig.run(1.0)
+    rig.done(rig.submit(read_holding(1, 0, 1)))
+    fresh = rig.submit(read_holding(1, 5, 1))
+    rig.done(fresh)
+    assert registers(fresh.reply) == [105]
+    assert caplog.text.count("late_reply_window=") == 1
+
+
+def test_a_window_grows_no_longer_than_five_seconds_and_not_for_a_reply_that_is_a_bit_late() -> None:
+    rig = Rig(Scripted(1, 0.2), config=ONCE)
+    rig.done(rig.submit(read_holding(1, 0, 1)))
+    rig.run(1.0)
+    unit = rig.owner.units[1]
+    assert unit.late_reply_window == ONCE.late_reply_window
+    for _ in range(20):
+        unit.answered_late(unit.late_reply_window + unit.reply_timeout)
+    assert 3.9 < unit.late_reply_window <= 5.0

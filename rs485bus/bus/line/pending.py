@@ -193,18 +193,20 @@ class PendingReplies:
         answers = self._answers.get(job.request.prefix)
         if answers is None or since == NEVER or since == job.sent_at or not answers.is_news:
             return since
-        return max(since, answers.in_turn(self._count(job)))
+        return max(since, answers.in_turn(self.count(job.request, job.reply)))
 
     def may_be_decided(self, job: Job) -> bool:
         """Whether to ask a job again may show that its answer is no late reply. A look of the bus' own gives way where
         each answer is another one: what it looks at moves."""
         answers = self._answers.get(job.request.prefix)
         moves = answers is None or (answers.is_news and (job.weighed > 0 or job.answered_since > NEVER))
-        return not (moves and job.internal) and job.weighed < _TIMES * AnswersAlike.needed(self._count(job))
+        return not (moves and job.internal) and job.weighed < _TIMES * AnswersAlike.needed(
+            self.count(job.request, job.reply)
+        )
 
-    def _count(self, job: Job) -> int:
-        """How many replies are owed that look like the one that a job got."""
-        return sum(_may_give(owed.request, job.reply, job.request) for owed in self.owed)
+    def count(self, request: Request, frame: bytes) -> int:
+        """How many replies are owed that may be a frame which fits a request."""
+        return sum(_may_give(owed.request, frame, request) for owed in self.owed)
 
     def latest(self, request: Request, frame: bytes) -> float:
         """When the latest one was sent that a late reply may answer; NEVER if there is none, and where a gateway may

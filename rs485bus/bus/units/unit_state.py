@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from typing import Any, Literal
 
@@ -21,6 +22,13 @@ from rs485bus.errors import AddressInUse
 from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.exceptions import ACCEPTED, Meaning, exception
 from rs485bus.wire.frames import HIGHEST_ADDRESS, Request
+
+_log = logging.getLogger("rs485bus")
+
+_LONGEST_WINDOW = 5.0
+"""Seconds to which a window grows by itself."""
+_LONGER = 1.5
+"""How many times as long as it was a window becomes at least: it grows few times, each of which is told."""
 
 SILENT = 2
 """Attempts in a row without an answer after which a device is hardly there."""
@@ -125,6 +133,22 @@ class UnitState:
     def guarded(self) -> bool:
         """Whether a watchdog block holds it."""
         return self.ledger is not None
+
+    def answered_late(self, after: float) -> None:
+        """A reply came so many seconds after its request. One near the end of the window makes that longer: the next
+        may come later yet, and would be taken for the answer to something else."""
+        late = after - self.reply_timeout
+        window = min(_LONGEST_WINDOW, 2 * late)
+        if late > self.late_reply_window / 2 and window > _LONGER * self.late_reply_window:
+            self.late_reply_window = window
+            _log.warning(
+                "Unit %d answered %.2f s after it was asked: from now on its late replies are expected for %.2f s "
+                "(late_reply_window=%.1f says so from the start)",
+                self.address,
+                after,
+                window,
+                window,
+            )
 
     def attach(self, attached: DeviceAdapter | None) -> None:
         """A device is known at this address, with timing of its own if it has any."""

@@ -136,7 +136,7 @@ class Attempts:
         if (since := unit.late.arrived(request, frame)) is not None:
             if unit.attached is not None and latest > NEVER:
                 unit.attached.on_late_reply(latest)
-            self._feeding.heard(unit.address, since)
+            self._feeding.heard(unit.address, since, late=True)
             if is_the_only_one:
                 unit.answered_late(self._clock.now - since)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):

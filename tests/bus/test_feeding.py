@@ -313,7 +313,7 @@ def test_an_exception_does_not_count_as_fed() -> None:
     assert armed.heard_at == 100.0
 
 
-def test_a_late_reply_counts_from_when_it_was_asked_for() -> None:
+def test_a_late_reply_counts_from_when_it_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(config=BusConfig(echo=False, reply_timeout=0.01, retries=0))
     (drive,) = drives(rig, 1)
     guard(rig, drive, timeout=5.0)
@@ -329,7 +329,17 @@ def test_a_late_reply_counts_from_when_it_was_asked_for() -> None:
     job = rig.submit(read(1, r.POSITION))
     rig.done(job)
     asked = rig.sent[-1][0]
+    heard, late_ones = Feeding.heard, []
+
+    def listen(
+        feeding: Feeding, address: int, since: float, at_most: float | None = None, *, late: bool = False
+    ) -> None:
+        late_ones.append(late)
+        heard(feeding, address, since, at_most, late=late)
+
+    monkeypatch.setattr(Feeding, "heard", listen)
     rig.run(0.3)
+    assert late_ones[0] is True  # it feeds, and its drive goes behind those that answer in time
     armed = rig.owner.feeding.get(1)
     assert armed is not None
     assert armed.heard_at == asked

@@ -147,6 +147,15 @@ async def test_a_zlac_that_is_switched_on_outside_of_a_block_is_fed_and_switched
 
 
 @virtual
+async def test_a_watchdog_that_is_turned_off_inside_of_its_block_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
+    async with zlac_bus(watchdog=1000) as (bus, _, base), base.watchdog(0.5):
+        await bus.unit(1).write_register(0x2000, 300)
+        assert "turned off" not in caplog.text
+        await bus.unit(1).write_register(0x2000, 0)
+        assert "the watchdog of unit 1 was turned off by a write, inside of its watchdog block" in caplog.text
+
+
+@virtual
 async def test_a_shorter_time_holds_though_the_write_was_not_answered() -> None:
     async with zlac_bus(watchdog=1000) as (bus, sim, base):
         await base.enable()

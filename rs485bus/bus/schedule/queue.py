@@ -191,9 +191,11 @@ class Queue:
 
 
 def _first(line: OrderedDict[Job, None], admit: Admission) -> tuple[Job, float]:
-    """The job of a line that goes first, and whether it may. A question of the bus' own keeps nobody waiting."""
+    """The job of a line that goes first, and whether it may. A question of the bus' own keeps nobody waiting, unless it
+    was not answered: as long as its device is silent, what others ask would only be owed as well."""
     job, again = next(iter(line)), _FOREVER
-    other = next((other for other in line if not other.backs_off), None) if job.backs_off else None
+    asks = job.backs_off and not job.unanswered
+    other = next((other for other in line if not other.backs_off), None) if asks else None
     if other is not None and (again := admit(other)) <= READY:
         return other, again
     return job, min(admit(job), again)

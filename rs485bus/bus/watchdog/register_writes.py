@@ -11,6 +11,7 @@ from collections.abc import Callable
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
+from rs485bus.bus.watchdog.report import warn_of_off
 
 
 class RegisterWrites:
@@ -55,7 +56,9 @@ class RegisterWrites:
             return  # who arms and releases keeps the books
         watch = self._feeding.get(unit.address)
         if milliseconds == unit.attached.watchdog.off:
-            if not unit.guarded:
+            if unit.guarded:
+                warn_of_off(unit.address)
+            else:
                 self._feeding.disarm(unit.address)
         elif watch is not None:
             self._feeding.set_timeout(watch, milliseconds / 1000)

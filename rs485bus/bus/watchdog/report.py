@@ -51,6 +51,15 @@ def warn_of(escape: ArmedWatchdog) -> None:
     )
 
 
+def warn_of_off(address: int) -> None:
+    """Log that a write has turned a watchdog off inside of its block."""
+    _log.warning(
+        "the watchdog of unit %d was turned off by a write, inside of its watchdog block: it stops nothing any more "
+        "until a block is entered again.",
+        address,
+    )
+
+
 def warn_of_strain(reckoning: Reckoning, slowest: ArmedWatchdog) -> None:
     """Log that feeding takes more than was admitted."""
     _log.warning(

@@ -230,6 +230,8 @@ def main() -> int:
         return 0
     if options.frame is not None:
         options.frame, options.fault = ("", "") if options.frame == "-1" else (options.frame, options.fault)
+        if (options.frame or "").count(",") != (options.fault or "").count(","):
+            parser.error("--frame: one for each fault, with commas like them")
         for case in _cases(options):
             evidence, wrong = case.judged()
             print(account(case.script.says, evidence, wrong))

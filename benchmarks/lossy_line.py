@@ -31,7 +31,8 @@ class Lossy:
         requests_lost: the unit does not hear the request.
         replies_lost: the unit answers, and nobody hears it.
         late: the unit answers between `late_from` and `late_to` later.
-        busy: what a unit does with a request that comes while it is late: "missed", or "queued" (answered after).
+        busy: what a unit does with a request that comes while it is late or slow: "missed", or "queued" (answered
+            after).
         spread: the turnaround varies between half and twice the setting's, evenly.
         slow: the unit takes 80 ms instead.
         dead: this unit never answers; 0 for none.
@@ -87,11 +88,14 @@ class LossyLine(PacedLine):
         if chance() < lossy.requests_lost or (busy_until > starts and lossy.busy == "missed"):
             self.lost += 1
             return
-        starts = max(starts + self._varied(), busy_until)
-        if chance() < lossy.late:
+        varied = self._varied()
+        starts = max(starts + varied, busy_until)
+        is_late = chance() < lossy.late
+        if is_late:
             self.late += 1
             starts += _nanoseconds(self._rng.uniform(lossy.late_from, lossy.late_to))
-            self._busy_until[unit] = starts
+        if is_late or varied > 2 * self._turnaround:
+            self._busy_until[unit] = starts  # it answers in the order in which it is asked
         body = self._body(frame, starts)
         if chance() < lossy.replies_lost:
             self.lost += 1

@@ -12,6 +12,7 @@ import pytest
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
+from rs485bus.bus.watchdog.strain import Strain
 from rs485bus.errors import WatchdogInfeasible
 from rs485bus.sim.campaigns.failing import die, slow_down
 from rs485bus.sim.campaigns.guarded import Plant, arm
@@ -307,3 +308,15 @@ def test_a_stop_cuts_no_feed_short_that_somebody_would_trip_for() -> None:
     press()
     rig.run(20.0)
     assert not any(drive.told for drive in drives)
+
+
+def test_two_feeds_in_vain_are_reckoned_with_and_give_nobody_else_a_turn_yet() -> None:
+    strain = Strain()
+    for _ in range(2):
+        strain.sent(feeds=True)
+        strain.failed()
+    assert not strain.yields  # the next one must go at once
+    for _ in range(2):
+        strain.sent(feeds=True)
+        strain.failed()
+    assert strain.yields

@@ -13,6 +13,8 @@ from rs485bus.bus.watchdog.armed import ArmedWatchdog
 
 _ROW = 2
 """Feeds after which something else has its turn."""
+_IN_VAIN = 4
+"""Feeds without an answer after which it has its turn as well: more than the two that are reckoned with may be lost."""
 _ABOUT = 0.9
 _over = attrgetter("over")
 
@@ -45,7 +47,7 @@ class Strain:
     @property
     def presses(self) -> bool:
         """Whether feeds may need more than was admitted."""
-        return self.holds or self._in_vain >= _ROW
+        return self.holds or self._in_vain >= _IN_VAIN
 
     @property
     def yields(self) -> bool:

@@ -85,14 +85,15 @@ class RunExecutor:
         since = self._state.known(Fact.POSITION).at
         if limits is not None and rpm and not (start < limits[1] if rpm > 0 else start > limits[0]):
             raise LimitReached(f"{self._name} stands at the end of its limits already, and can only run the other way.")
-        if duration is None or ticks is not None or not rpm:
+        counted = duration if ticks is None and rpm else None  # here, and not by the drive
+        if counted is None:
             await self._run_off(task, rpm, parameters, ticks)
         else:
-            await self._run_for(task, rpm, parameters, duration)
+            await self._run_for(task, rpm, parameters, counted)
         rate = min(parameters.acceleration, parameters.slowing_down)
         profile = RunProfile(rpm, rate, task.before, duration)
         counts_per_turn = self._drive.ability(self._axis).counts_per_turn
-        if duration is not None and ticks is None and rpm:
+        if counted is not None:
             move.started_at = await self._began_at(task, profile, counts_per_turn)
         assert move.started_at is not None
         course = RunCourse(
@@ -109,11 +110,11 @@ class RunExecutor:
             await self._executor.see_it_end(move, course, reached=self._overtaken)
             return self._seen_at
         drift = task.before * (move.started_at - since) / 60
-        if ticks is not None:
+        if counted is None:
             await self._executor.see_it_end(move, course)
         else:
             try:
-                await self._executor.see_it_end(move, course, move.started_at + duration, self._slow_down)
+                await self._executor.see_it_end(move, course, move.started_at + counted, self._slow_down)
             except MoveFailed as error:
                 if type(error) is MoveFailed:
                     # Where its ramp was not acknowledged, it was stopped harder at the end: how far it went says more.

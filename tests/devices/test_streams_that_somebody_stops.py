@@ -11,7 +11,7 @@ from rs485bus import AxisGroup, DifferentialDrive, MksServo, TlrStepper, Zlac801
 from rs485bus.errors import MoveCancelled, StopUnconfirmed
 from rs485bus.service import verbs
 from rs485bus.service.decisions import Halt, Order
-from rs485bus.service.machine import Machine
+from rs485bus.service.machine import Machine, Performance
 from rs485bus.sim import SimMks, SimTlr, SimZlac, TlrMachine, VirtualLine
 from tests.devices.stream_rig import FAMILIES, Make, now, rig
 from tests.integration.support import virtual
@@ -29,6 +29,22 @@ class _Served:
 def _opened(name: str = "x") -> Order:
     axes = frozenset({name})
     return Order("1", "a", name, "stream", verbs.Stream(timeout=1.0), axes, axes, 1, 0.0, 9e9, None, "")
+
+
+async def _served(axis: Any) -> tuple[Machine, Performance, asyncio.Future[None]]:
+    """An axis that turns by a served stream: what serves it, the stream, and its end."""
+    machine = Machine(_Served(axis.bus, x=axis))
+    stream = machine.begin(_opened())
+    ended = asyncio.ensure_future(stream.wait())
+    await asyncio.sleep(0.2)
+    machine.set_to("x", (200.0,), 9.0)
+    await asyncio.sleep(1.0)
+    return machine, stream, ended
+
+
+def _stopped(machine: Machine) -> asyncio.Future[Any]:
+    """Somebody stops it."""
+    return asyncio.ensure_future(machine.halt(Halt(frozenset({"x"}), "somebody stops it")))  # type: ignore[arg-type]
 
 
 @FAMILIES
@@ -52,13 +68,8 @@ def test_a_served_stream_that_is_stopped_has_ended_when_the_motor_stands(make: M
     @virtual
     async def check() -> None:
         async with rig(make) as on:
-            machine = Machine(_Served(on.axis.bus, x=on.axis))
-            stream = machine.begin(_opened())
-            ended = asyncio.ensure_future(stream.wait())
-            await asyncio.sleep(0.2)
-            machine.set_to("x", (200.0,), 9.0)
-            await asyncio.sleep(1.0)
-            confirmed = asyncio.ensure_future(machine.halt(Halt(frozenset({"x"}), "somebody stops it")))  # type: ignore[arg-type]
+            machine, _, ended = await _served(on.axis)
+            confirmed = _stopped(machine)
             with pytest.raises(MoveCancelled):
                 await ended
             assert not on.sim.moving(now())
@@ -73,14 +84,10 @@ async def test_a_served_stream_that_is_stopped_and_not_seen_standing_is_told_as_
     async with open_bus(VirtualLine(sim, baudrate=115200)) as bus:
         axis = MksServo(bus, 1)
         await axis.enable()
-        machine = Machine(_Served(bus, x=axis))
-        ended = asyncio.ensure_future(machine.begin(_opened()).wait())
-        await asyncio.sleep(0.2)
-        machine.set_to("x", (200.0,), 9.0)
-        await asyncio.sleep(1.0)
+        machine, _, ended = await _served(axis)
         receive = sim.receive
         sim.receive = lambda frame, at: None  # type: ignore[method-assign]
-        confirmed = asyncio.ensure_future(machine.halt(Halt(frozenset({"x"}), "somebody stops it")))  # type: ignore[arg-type]
+        confirmed = _stopped(machine)
         with pytest.raises(StopUnconfirmed):
             await ended
         with pytest.raises(StopUnconfirmed):
@@ -95,12 +102,7 @@ async def test_a_served_stream_that_is_cancelled_is_stopped() -> None:
     async with open_bus(VirtualLine(sim, baudrate=115200)) as bus:
         axis = MksServo(bus, 1)
         await axis.enable()
-        machine = Machine(_Served(bus, x=axis))
-        stream = machine.begin(_opened())
-        ended = asyncio.ensure_future(stream.wait())
-        await asyncio.sleep(0.2)
-        machine.set_to("x", (200.0,), 9.0)
-        await asyncio.sleep(1.0)
+        _, stream, ended = await _served(axis)
         stream.cancel()
         with pytest.raises(MoveCancelled):
             await asyncio.wait_for(ended, 3.0)

@@ -200,9 +200,8 @@ class PendingReplies:
         each answer is another one: what it looks at moves."""
         answers = self._answers.get(job.request.prefix)
         moves = answers is None or (answers.is_news and (job.weighed > 0 or job.answered_since > NEVER))
-        return not (moves and job.internal) and job.weighed < _TIMES * AnswersAlike.needed(
-            self.count(job.request, job.reply)
-        )
+        needed = AnswersAlike.needed(self.count(job.request, job.reply))
+        return not (moves and job.internal) and job.weighed < _TIMES * needed
 
     def count(self, request: Request, frame: bytes) -> int:
         """How many replies are owed that may be a frame which fits a request."""

@@ -138,7 +138,9 @@ class Attempts:
                 unit.attached.on_late_reply(latest)
             self._feeding.heard(unit.address, since, late=True)
             if is_the_only_one:
-                unit.answered_late(self._clock.now - since)
+                took = self._clock.now - since
+                unit.answered_late(took)
+                self._pair.host.came_late(took - self._pair.line.airtime(len(frame)) - unit.reply_times.longest)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame
                 if unit.attached is not None:
@@ -166,6 +168,7 @@ class Attempts:
             unit.answers.refused(request)
         elif is_its_own and not job.unanswered and now <= pair.deadline:
             unit.reply_times.answered(job, now - pair.air_end - len(frame) * pair.character - pair.latency)
+            pair.host.came_in_time()
         if self._gate.silent:
             self._gate.silent.pop(unit, None)
         self.note(job, frame, "reply" if meaning is None else "refused", now)

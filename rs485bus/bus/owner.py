@@ -101,8 +101,6 @@ class Owner:
         self.stops = Stops(clock, *wire, self._procedures, self._timers, self._submit, self._flush)
         self.one_way = OneWay(self._timers, self._end)
         self._wake = FOREVER
-        self.host_slack = 0.0
-        """Seconds by which this computer may be late to hand a reply over."""
         self._after_stops: list[Callable[[], None]] = []
 
     @property
@@ -335,7 +333,8 @@ class Owner:
         pair.begin(job, start, timeout, units.late(self._clock.now) if units.owing else (), unit.reply_times)
         if job.reply_timeout is None and unit.late.in_order and self._may_be_hurried(job):
             # Others are served then. The reply may come until it is owed no more all the same.
-            pair.deadline -= max(0.0, timeout - unit.reply_times.wait(job, timeout) - self.host_slack)
+            slack = pair.host.longest if job.feeds else pair.host.seconds
+            pair.deadline -= max(0.0, timeout - unit.reply_times.wait(job, timeout) - slack)
         if not job.expects_reply:
             sent = pair.quiet_at - pair.silence
             over = sent if job.urgency is Urgency.STOP else sent + self.config.turnaround

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable
 
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.line.host_slack import HostSlack
 from rs485bus.bus.other_programs import OtherPrograms
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.runner import OwnerRunner
@@ -173,7 +174,7 @@ class Port:
         self._opened_at = self._loop.time()
         self._answers = self._count_answers()
         self._owner.pair.latency = getattr(self._transport, "receive_latency", 0.0)
-        self._owner.host_slack = HOST_SLACK if hasattr(self._transport, "receive_latency") else 0.0
+        self._owner.pair.host = HostSlack(HOST_SLACK if hasattr(self._transport, "receive_latency") else 0.0)
         return self._lost_while_opening
 
     def _try_later(self) -> None:

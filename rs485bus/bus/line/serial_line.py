@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rs485bus.bus.line.host_slack import HostSlack
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.line.transaction import Received, Transaction
 from rs485bus.bus.record import Record
@@ -71,6 +72,7 @@ class SerialLine:
         "deadline",
         "exchange",
         "heard_at",
+        "host",
         "is_brief",
         "job",
         "latency",
@@ -105,6 +107,8 @@ class SerialLine:
         """When noise was last in the way of a frame."""
         self.latency = 0.0
         """Seconds for which the port may keep what it has received."""
+        self.host = HostSlack()
+        """How late this computer may be besides."""
         self.air_end = now
         """When what was sent last has left the wire."""
         self._cut_after = max(CUT_AFTER, 2 * silence + line.character)

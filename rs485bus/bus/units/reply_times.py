@@ -14,8 +14,8 @@ from rs485bus.bus.schedule.job import Job, Urgency
 
 MARGIN = 0.0025
 """What is added to every learned time."""
-_ENOUGH = 3
-"""Answers after which a learned time counts."""
+_ENOUGH = (2, 3, 3)
+"""Answers after which a learned time counts, by kind: a read that is repeated for nothing costs one transaction."""
 _GAIN = 1 / 8
 _DEVIATION_GAIN = 1 / 4
 _DEVIATIONS = 4
@@ -37,9 +37,10 @@ class RequestKind(enum.IntEnum):
 class _Estimate:
     """A mean and a mean deviation."""
 
-    __slots__ = ("deviation", "mean", "samples", "wait")
+    __slots__ = ("_enough", "deviation", "mean", "samples", "wait")
 
-    def __init__(self) -> None:
+    def __init__(self, enough: int) -> None:
+        self._enough = enough
         self.mean = 0.0
         self.deviation = 0.0
         self.samples = 0
@@ -54,7 +55,7 @@ class _Estimate:
             self.mean += _GAIN * error
             self.deviation += _DEVIATION_GAIN * (abs(error) - self.deviation)
         self.samples += 1
-        if self.samples >= _ENOUGH:
+        if self.samples >= self._enough:
             self.wait = self.mean + _DEVIATIONS * self.deviation + MARGIN
 
     @property
@@ -75,7 +76,7 @@ class ReplyTimes:
     __slots__ = ("_kinds", "_slow")
 
     def __init__(self) -> None:
-        self._kinds = (_Estimate(), _Estimate(), _Estimate())
+        self._kinds = tuple(_Estimate(enough) for enough in _ENOUGH)
         self._slow: OrderedDict[bytes, float] = OrderedDict()
         """How long requests are waited for that were missed, by their frames."""
 

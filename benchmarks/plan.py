@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from benchmarks.clients.registry import FLOOR, LIBRARIES, OURS, SERIALX
+from benchmarks.clients.registry import BRIEF, FLOOR, LIBRARIES, OURS, SERIALX
 from benchmarks.lossy_cases import DEAD, LOSSY, Case
 from benchmarks.setting import Setting
 from benchmarks.tasks.task import Task
@@ -29,7 +29,7 @@ class Scale:
     idle: float = 5.0
     watched: float = 60.0
     memory: float = 3600.0
-    libraries: tuple[str, ...] = field(default=tuple(name for name in LIBRARIES if name != SERIALX))
+    libraries: tuple[str, ...] = field(default=tuple(name for name in LIBRARIES if name not in (BRIEF, SERIALX)))
 
 
 QUICK = Scale(
@@ -107,20 +107,22 @@ def _dead(scale: Scale) -> Iterator[Measurement]:
 
 
 def _cases(scale: Scale, row: str, cases: dict[str, Case]) -> Iterator[Measurement]:
+    libraries = [library for library in scale.libraries if library != FLOOR]  # it waits for ever
+    if OURS in libraries and not all(LIBRARIES[library].keeps_silence for library in libraries):
+        libraries += {BRIEF} - {*libraries}
     for repetition in range(scale.repeats):
         for name, case in cases.items():
-            for library in scale.libraries:
-                if library != FLOOR:  # it waits for ever
-                    task = Task(
-                        library=library,
-                        name="lossy",
-                        setting=Setting(units=case.units),
-                        seconds=scale.lossy,
-                        amount=int(case.together),
-                        case=name,
-                        seed=repetition + 1,
-                    )
-                    yield Measurement(row, task, LOSES, repetition)
+            for library in libraries:
+                task = Task(
+                    library=library,
+                    name="lossy",
+                    setting=Setting(units=case.units),
+                    seconds=scale.lossy,
+                    amount=int(case.together),
+                    case=name,
+                    seed=repetition + 1,
+                )
+                yield Measurement(row, task, LOSES, repetition)
 
 
 def _watched(scale: Scale) -> Iterator[Measurement]:

@@ -52,6 +52,7 @@ class Library:
 
 
 OURS = "rs485bus"
+BRIEF = "rs485bus-brief"
 SERIALX = "rs485bus-serialx"
 FLOOR = "floor"
 
@@ -60,6 +61,7 @@ LIBRARIES = {
     for library in (
         Library(FLOOR, "", "floor", blocking=True),
         Library(OURS, "", "ours"),
+        Library(BRIEF, "", "ours_brief", keeps_silence=False),
         Library(SERIALX, "serialx", "ours_by_serialx"),
         Library("pymodbus", "pymodbus", "with_pymodbus", keeps_silence=False),
         Library("minimalmodbus", "minimalmodbus", "with_minimalmodbus", blocking=True),

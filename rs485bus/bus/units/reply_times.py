@@ -12,7 +12,7 @@ from collections import OrderedDict
 
 from rs485bus.bus.schedule.job import Job, Urgency
 
-MARGIN = 0.0025
+MARGIN = 0.0015
 """What is added to every learned time."""
 _ENOUGH = (2, 3, 3)
 """Answers after which a learned time counts, by kind: a read that is repeated for nothing costs one transaction."""

@@ -24,3 +24,7 @@ def test_a_stream_whose_last_frame_is_answered_late_says_it_again_and_ends(famil
 
 def test_a_part_of_a_group_that_stands_already_as_the_port_is_lost_does_not_say_that_nothing_was_done() -> None:
     assert at_frames(Case("together", "mixed-group", goes_on=True), "port-lost", slice(60, 80, 2)) == []
+
+
+def test_a_drive_without_an_encoder_is_not_blamed_for_steps_that_nobody_can_see_it_lose() -> None:
+    assert at_frames(Case("tlr", "zero-and-by", option="open-loop"), "stalled", slice(30, 33)) == []

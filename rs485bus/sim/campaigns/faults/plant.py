@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rs485bus import Bus, MksServo, TlrStepper, Zlac8015d
+from rs485bus.devices.tlr.values import OperatingMode
 from rs485bus.devices.zlac import Fault, Side
 from rs485bus.devices.zlac.values import Inputs as ZlacInputs
 from rs485bus.devices.zlac.values import ShaftState
@@ -333,6 +334,8 @@ class TlrUnderTest(Drive):
         low, high = self._sim.motion.machine.travel
         self._sim.motion.machine.travel = (here if rpm < 0 else low, here if rpm > 0 else high)
         self._sim.motion.advance(now)
+        if self.option.sim.get("operating_mode") is OperatingMode.OPEN_LOOP:
+            self.shafts[0].slack = math.inf  # without an encoder nobody knows what it has lost
 
 
 def _final_rpm(motor: Motor) -> float:

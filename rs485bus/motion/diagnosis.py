@@ -46,6 +46,22 @@ def is_decided(drive: Drive, axis: int, course: Course, since: float) -> bool:
     return told(*drive.wanted(axis))
 
 
+def suspect_restart(drive: Drive, axis: int, course: Course, cause: str) -> bool:
+    """Whether an axis may have stopped because its drive has restarted; its positions are not trusted then.
+
+    Nothing else explains it, as a `cause` does where its motor is held, and it is where one is that counts anew.
+    """
+    state = drive.state.axes[axis]
+    is_off = state.value(Fact.ENABLED) is False
+    told = any(state.value(fact) for fact in (Fact.FAULT, Fact.STALLED, Fact.LIMIT)) or drive.halted_by(axis)
+    explained = told or (cause and not is_off) or state.stopped_at > state.obeyed_at or _misses_little(course)
+    if explained or drive.tells_restarts or not state.may_count_anew:
+        return False
+    what = "its motor is not enabled any more, and nobody disabled it" if is_off else "nothing says why it stopped"
+    state.suspect(f"{what}, and it is where one is that counts anew: the drive may have restarted.")
+    return True
+
+
 def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = "") -> MotionError:
     """What is wrong with an axis, of which that is decided. `cause` is a sentence about what may have stopped it beside
     what the drive tells."""
@@ -76,9 +92,15 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
 
 def _near_miss(course: Course) -> str:
     """What to do where an axis stands but a little off its target."""
-    if not isinstance(course, MoveCourse) or course.deviation is None or course.deviation > course.state.jump:
+    if not isinstance(course, MoveCourse) or not _misses_little(course):
         return ""
+    assert course.deviation is not None
     return (
         f", which is more than its tolerance of {course.tolerance}. Where a load holds it off, make the axis with a "
         f"greater one: tolerance={2 * course.deviation}"
     )
+
+
+def _misses_little(course: Course) -> bool:
+    """Whether it stands so near its target that it has gone there."""
+    return isinstance(course, MoveCourse) and course.deviation is not None and course.deviation <= course.state.jump

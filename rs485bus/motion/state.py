@@ -104,6 +104,8 @@ class AxisState:
         """When that answer came."""
         self.was_unheard = False
         """Its drive was not heard for so long, before its last answer, that it may have restarted."""
+        self.ran_at = NEVER
+        """When it was last asked, and said that it moves, and not that it slows down."""
         self.keeps = False
         """It was told a speed that it keeps until it is told otherwise, whoever told it."""
         self.counts_anew = False
@@ -163,6 +165,8 @@ class AxisState:
                     self._notice_jump(before, value, at, now)
                     if before.value is not None:
                         self.last_way = (before.at, at, self.rule.moved(before.value, value))
+                elif fact is Fact.RUNNING and value and facts.get(Fact.PUSHES, True):
+                    self.ran_at = at
                 self._facts[fact] = Known(value, at)
         if at >= self._changed.get(Fact.POSITION, NEVER) and at >= self.standstill.until:
             told = facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED)
@@ -195,6 +199,19 @@ class AxisState:
         """Its positions are not to be trusted, for another reason."""
         if not self.lost:
             self.lost = self.distrusted = why
+
+    @property
+    def obeyed_at(self) -> float:
+        """When it was last known to do what it was told."""
+        return max(self.ran_at, self.motion.commanded_at)
+
+    @property
+    def may_count_anew(self) -> bool:
+        """Whether it is where it can have come to if its drive has restarted since it was last known to obey."""
+        position = self.known(Fact.POSITION)
+        moved_until = self.standstill.since if self.stands else position.at
+        reach = self.jump + self.fastest * max(0.0, moved_until - self.obeyed_at)
+        return position.value is not None and abs(position.value) <= reach < _FOREVER
 
     def _notice_jump(self, before: Known, position: int, at: float, now: float) -> None:
         """Notice a position to which it cannot have come: its drive counts anew."""

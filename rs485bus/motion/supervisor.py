@@ -20,7 +20,7 @@ from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
 from rs485bus.motion.courses import Course, Verdict
-from rs485bus.motion.diagnosis import diagnose, in_order, is_decided
+from rs485bus.motion.diagnosis import diagnose, in_order, is_decided, suspect_restart
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
@@ -157,12 +157,9 @@ class Supervisor:
 
     def review(self) -> None:
         """Something is known that was not, or may be so no more."""
-        now = self._bus.now()
-        active = False
+        now, active = self._bus.now(), False
         for axis, watched in self._watched.items():
-            why = self._drive.restarted(axis)
-            if why:
-                watched.state.suspect(why)
+            watched.state.suspect(self._drive.restarted(axis))
             watched.changes.look()
             self._tell_of_restart(watched)
             if watched.course is not None and watched.course.goes_on and not watched.state.motion.may_move:
@@ -186,14 +183,14 @@ class Supervisor:
             self._budget.enter(self, self._look_time.seconds)
         self._look()
 
-    def _tell_of_restart(self, watched: _Watched) -> None:
-        """Tell the owner that the drive may have started anew: its watchdog may be off."""
-        if watched.lost != watched.state.lost:
-            watched.lost = watched.state.lost
-            if watched.lost and watched.lost != watched.state.distrusted:
-                owner = self._bus.owner
-                owner.stops.restarted(owner.units[self._drive.address])
-                watched.tell(EventKind.RESTART, watched.lost)
+    def _tell_of_restart(self, watched: _Watched, *, perhaps: bool = False) -> None:
+        """Tell the owner that the drive has started anew, or `perhaps` has: its watchdog may be off."""
+        owner, told, watched.lost = self._bus.owner, watched.lost, watched.state.lost
+        is_lost = watched.lost not in (told, "", watched.state.distrusted)
+        if is_lost or perhaps:
+            owner.stops.restarted(owner.units[self._drive.address])
+        if is_lost:
+            watched.tell(EventKind.RESTART, watched.lost)
 
     def _may_move(self, axis: int, watched: _Watched) -> bool:
         state = watched.state
@@ -246,7 +243,10 @@ class Supervisor:
             self._end(watched, Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
 
     def _diagnose(self, axis: int, watched: _Watched, course: Course) -> MotionError:
-        return diagnose(self._drive, axis, watched.name, course, possible_cause(self._bus.owner, self._drive))
+        cause = possible_cause(self._bus.owner, self._drive)
+        if suspect_restart(self._drive, axis, course, cause):
+            self._tell_of_restart(watched, perhaps=True)
+        return diagnose(self._drive, axis, watched.name, course, cause)
 
     def _end(self, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
         if watched.course is not None and error is not None:

@@ -29,14 +29,14 @@ async def insist(bus: Bus, step: Ask) -> bytes:
 
 
 async def keep_fed(bus: Bus, drive: Drive, step: KeepFed) -> bool:
-    """Have a watchdog fed that was set before this program; whether it was fed already.
+    """Have a watchdog fed that was set before this program; whether it is fed already, or set by a block.
 
     Raises:
         WatchdogInfeasible: there is no room for its feeds.
         NoReply: the drive does not answer.
     """
-    if bus.owner.feeding.get(drive.address) is not None:
-        return True
+    if bus.owner.feeding.get(drive.address) is not None or bus.owner.units[drive.address].guarded:
+        return True  # what a block has set and its drive forgot is not taken for somebody else's
     try:
         fed = await admit_and_arm(bus, drive, step.timeout)
     except WatchdogInfeasible as error:

@@ -29,7 +29,6 @@ from rs485bus.sim.mks_readings import readings
 from rs485bus.sim.mks_shaft import FOREVER
 from rs485bus.wire.frames import BROADCAST, READ_INPUT, WRITE_SINGLE, crc
 
-_RESTART_TAKES = 0.6
 _CALIBRATION_TAKES = 3.0
 _SINGLE_TURN_TAKES = 1.6
 _NEW_SETTING_TAKES = 0.02
@@ -52,6 +51,7 @@ class SimMks(SimDevice):
         baudrate: what it is set to, in bit/s; None for whatever the line is.
         enabled_at_power_on: whether it is energised then (9.4.3 runs without enabling first).
         trip_latches: after its watchdog stopped it, it moves only after an enable.
+        watchdog_kept: it keeps its watchdog (3.2.14) when it is switched off, and has it off after that otherwise.
         fed_by: what feeds its watchdog, of "reads", "writes", "others" (frames to others) and "broadcasts".
         stuck_status: what 0xF1 goes on saying after a move, as some drives do; None for none.
         quirks: what else it does beside its manual.
@@ -71,6 +71,7 @@ class SimMks(SimDevice):
         baudrate: int | None = None,
         enabled_at_power_on: bool = True,
         trip_latches: bool = False,
+        watchdog_kept: bool = True,
         fed_by: frozenset[str] = frozenset({"reads", "writes"}),
         stuck_status: Status | None = None,
         quirks: Quirks = PLAIN,
@@ -82,6 +83,9 @@ class SimMks(SimDevice):
         self.baudrate = baudrate
         self.enabled_at_power_on = enabled_at_power_on
         self.trip_latches = trip_latches
+        self.watchdog_kept = watchdog_kept
+        self.restart_takes = 0.6
+        """Seconds in which it then answers nothing."""
         self.fed_by = fed_by
         self._manners = Manners(quirks, stuck_status)
         self.answers_at_new = answers_at_new
@@ -196,8 +200,10 @@ class SimMks(SimDevice):
         self.restarts += 1
         self._tripped = self._silent = False
         self._outputs.clear()
-        self._ready_at = now + _RESTART_TAKES
-        self.motion.later(_RESTART_TAKES, now, self._power_on)
+        if not self.watchdog_kept:
+            self.settings[r.WATCHDOG.address] = 0
+        self._ready_at = now + self.restart_takes
+        self.motion.later(self.restart_takes, now, self._power_on)
 
     def turn_shaft(self, turns: float, now: float) -> None:
         """Turn the shaft of a standing motor by hand."""

@@ -146,10 +146,9 @@ class MksDrive(Drive):
         state = self.axis
         if self.homed is not None and state.value(Fact.MARK) not in (None, self.homed):
             return "its drive has forgotten that it was homed: it has restarted."
-        at_zero = state.value(Fact.POSITION) is not None and abs(state.value(Fact.POSITION)) <= _JUMP
         enabled, stalled = state.known(Fact.ENABLED), state.known(Fact.STALLED)
         let_go = stalled.value is True or stalled.at < enabled.at  # by a protection, or nobody knows yet
-        if state.holds and at_zero and enabled.value is False and not let_go:
+        if state.holds and state.may_count_anew and enabled.value is False and not let_go:
             return "its motor is not enabled any more, and nobody disabled it: the drive may have restarted."
         return ""
 

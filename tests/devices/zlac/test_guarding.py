@@ -193,3 +193,18 @@ async def test_several_drives_are_guarded_together() -> None:
             await asyncio.sleep(3.0)
             assert [sim.trips for sim in sims] == [[], [], []]
     assert all(halted.standing for halted in bus.stopped)
+
+
+@on_virtual_clock
+async def test_one_that_restarts_in_a_block_gets_the_time_of_the_block_again_not_its_own() -> None:
+    async with plant(WatchedZlac(watchdog=1000)) as p, p.base.watchdog(0.6):
+        await p.base.left.run(60)
+        p.sim.restart_takes = 0.05
+        p.sim.eeprom.clear()  # it keeps nothing that was written
+        p.sim.power_cycle(p.now)
+        await asyncio.sleep(0.5)
+        assert p.sim.watchdog_ms == 1000
+        with pytest.raises(MotionError):
+            await p.base.left.move_to(0.5)
+        await p.base.enable()
+        assert p.sim.watchdog_ms == 600

@@ -249,7 +249,8 @@ class MoveCourse(Course):
 
     def place(self) -> str:
         deviation = abs(self._way(self.state.last(Fact.POSITION).value, self.target))
-        return f"stands {deviation} {self.state.unit} short of where it was sent"
+        stands = "stands" if self.state.stands else "is"
+        return f"{stands} {deviation} {self.state.unit} short of where it was sent"
 
     @property
     def deviation(self) -> int | None:

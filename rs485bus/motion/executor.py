@@ -17,10 +17,10 @@ from rs485bus.errors import (
     DriveFault,
     LimitReached,
     MotionError,
+    MoveFailed,
     NoReply,
     NotEnabled,
     RearmRequired,
-    RequestFailed,
 )
 from rs485bus.motion.carrier import PlanCarrier, Task
 from rs485bus.motion.courses import Course, MoveCourse, Verdict
@@ -42,6 +42,10 @@ _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""
 _LATE = 0.02
 """Seconds after its start was sent in which a drive can begin to move, at most."""
+_UNSEEN = (
+    "It was told to stop and could not be seen standing. Look at the machine; use the hard-wired emergency stop. It "
+    "moves only after enable()."
+)
 
 
 class MoveExecutor:
@@ -316,8 +320,10 @@ class MoveExecutor:
         """
         ended: list[tuple[Verdict, MotionError | None]] = []
         self._wake.clear()
+        self._stops.is_failing = False
 
         def told(verdict: Verdict, error: MotionError | None) -> None:
+            self._stops.is_failing = verdict is Verdict.DOUBTFUL or error is not None
             if verdict is Verdict.DOUBTFUL and error is None:
                 self.stumble()
             elif not ended:
@@ -347,8 +353,10 @@ class MoveExecutor:
         if error is not None:
             self.stumble()
             if verdict is Verdict.SILENT:
-                await self._stops.block("its drive stopped answering", until_standing=True)
-                await self._see_after_silence()
+                standing = await self._stops.block("its drive stopped answering", until_standing=True)
+                await self.knowledge.see_after_silence(heard=standing)
+                if not standing:
+                    error = MoveFailed(f"{error} {_UNSEEN}")
             else:
                 # One that was not seen to move may start after all.
                 await self._carrier.stop_after(error, surely=not self._state.standstill.has_moved)
@@ -358,16 +366,6 @@ class MoveExecutor:
         """Look at it further, by what it was told since, unless it has ended meanwhile."""
         if not ended:
             self._supervisor.follow(self._axis, course, told)
-
-    async def _see_after_silence(self) -> None:
-        """Find out whether the drive has restarted, if it answers again. Raises `ReferenceLost` if it has."""
-        try:
-            await self.knowledge.see_restart()
-        except RequestFailed:
-            if not self._drive.tells_restarts:
-                self._state.suspect("its drive stopped answering and may have restarted.")
-        else:
-            self.knowledge.check_reference()
 
     async def _stay(self, move: GroupMemberMove) -> None:
         """Stay where it has arrived until all have."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.job import Urgency
-from rs485bus.errors import DeviceRefused, NoReply, ReferenceLost
+from rs485bus.errors import DeviceRefused, NoReply, ReferenceLost, RequestFailed
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
@@ -180,6 +181,16 @@ class AxisKnowledge:
             # A protection that let go of the motor explains that as well.
             await self.know((Fact.STALLED, Fact.FAULT), since=enabled.at)
         self.notice_restart()
+
+    async def see_after_silence(self, *, heard: bool) -> None:
+        """Find out whether the drive has restarted, if it is heard again. Raises `ReferenceLost` if it has."""
+        if heard:
+            with suppress(RequestFailed):
+                await self.see_restart()
+                self.check_reference()
+                return
+        if not self._drive.tells_restarts:
+            self.state.suspect("its drive stopped answering and may have restarted.")
 
     def notice_restart(self) -> None:
         """Trust its positions no more, if what is known shows that the drive has restarted."""

@@ -68,6 +68,8 @@ class StopControl:
         """Why it moves only after `enable()`."""
         self.others: Sequence[StopControl] = ()
         """Those of the drive's other axes, where a stop of one may stop them all."""
+        self.is_failing = False
+        """Something is wrong with what it carries out. That finds out what, and has the axis stand."""
         self.failure: Handle[Any] | None = None
         """The last failure of something that nobody waited for."""
         self._bus = bus
@@ -89,8 +91,10 @@ class StopControl:
         self.queue.interrupt(MoveCancelled(f"{self._name} was stopped."))
         return self.begin_stop(emergency=emergency)
 
-    def begin_stop(self, *, emergency: bool, why: MotionError | None = None) -> Handle[None]:
-        """Stop; nothing else begins before it was seen standing. `why`: what is wrong, if something is."""
+    def begin_stop(self, *, emergency: bool, why: MotionError | None = None, for_group: bool = False) -> Handle[None]:
+        """Stop; nothing else begins before it was seen standing. `why`: what is wrong, if something is. `for_group`:
+        because of another axis of its group, which may be one that is stopped with it, and tells itself what is wrong.
+        """
         handle: Handle[None] = Handle(f"stop of {self._name}", self._bus.unseen)
         if self.queue.current is None:
             self._supervisor.leave(self._axis)  # else who carries that out finds out why it has ended
@@ -104,7 +108,7 @@ class StopControl:
             else:
                 self._bus.spawn(self._see_it_stay(handle), f"rs485bus {handle.what}")
 
-        self._halt(emergency=emergency, why=why).add_done_callback(told)
+        self._halt(emergency=emergency, why=why, for_group=for_group).add_done_callback(told)
         for each in (self, *self._taken_along(emergency)):
             each.queue.hold(handle)
         return handle
@@ -196,14 +200,15 @@ class StopControl:
             if not (await halted).standing:
                 raise self.unconfirmed()
 
-    async def block(self, why: str, *, until_standing: bool = False) -> None:
+    async def block(self, why: str, *, until_standing: bool = False) -> bool:
         """Nobody knows what the axis does: stop it, and let it move only after `enable()`; or, where it must be known
-        but that it stands, where it was not seen standing."""
+        but that it stands, where it was not seen standing. Whether it was."""
         self.blocked = why
         self._supervisor.leave(self._axis)
         halted = await asyncio.shield(self._halt(emergency=True))
         if until_standing and halted.standing:
             self.blocked = ""
+        return halted.standing
 
     def unconfirmed(self) -> StopUnconfirmed:
         """It was stopped, and not seen standing."""
@@ -262,7 +267,7 @@ class StopControl:
     def stop_if_moving(self) -> None:
         """Stop it, where it may move and is not being stopped already."""
         if self._motion.may_move and self._bus.connected and not self.is_stopping:
-            self.begin_stop(emergency=False)
+            self.begin_stop(emergency=False, for_group=True)
 
     # What the bus tells
 
@@ -307,7 +312,7 @@ class StopControl:
         self._on_stop()
 
     def _halt(
-        self, *, emergency: bool, motion: Motion | None = None, why: MotionError | None = None
+        self, *, emergency: bool, motion: Motion | None = None, why: MotionError | None = None, for_group: bool = False
     ) -> asyncio.Future[Halted]:
         """Have the owner stop it, or more than it. That happens whether the future is awaited or not."""
         self._on_stop()
@@ -320,7 +325,8 @@ class StopControl:
             stopped = MoveCancelled(f"{self._name} was stopped, and what moves with it.")
             for other in self._taken_along(emergency):
                 together = joint is not None and other.queue.joint is joint
-                if not together:  # else they stand still before what they do together
+                # Else they stand still before what they do together, or it is the one because of which all stop.
+                if not together and not (for_group and other.is_failing):
                     other._take_along(why or stopped)
         # Whoever asks for a stop may know of a motion that is not known here.
         motion.moves()

@@ -580,3 +580,22 @@ async def test_leaving_its_block_after_it_has_failed_counts_as_having_seen_that(
         await standing(p)
         for axis in p.axes.values():
             axis.check_ready()
+
+
+@pytest.mark.parametrize("kinds", [(MKS, LEFT, RIGHT), (LEFT, RIGHT), (RIGHT, TLR, LEFT)])
+@pytest.mark.parametrize("side", ["left", "right"])
+@on_virtual_clock
+async def test_a_fault_of_a_drive_of_which_both_wheels_are_in_the_group_is_told_as_that(
+    side: str, kinds: tuple[str, ...]
+) -> None:
+    async with plant(*kinds) as p:
+        move = p.group.move_to(**dict.fromkeys("abc"[: len(kinds)], 15.0))
+        await asyncio.sleep(1.0)
+        sim = p.sims["abc"[kinds.index(LEFT)]]
+        assert isinstance(sim, SimZlac)
+        getattr(sim, side).fail(Fault.OVER_CURRENT, p.now)
+        begun = p.now
+        with pytest.raises(DriveFault, match=f"reports {side} over current"):
+            await move
+        assert p.now - begun < 0.6
+        await standing(p)

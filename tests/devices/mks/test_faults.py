@@ -340,3 +340,21 @@ async def test_a_motor_whose_command_fails_for_noise_is_stopped_without_asking_f
         assert not on.sim.moving(on.bus.now())
         assert on.bus.now() - begun < 1.2
         await anyio.sleep(3)
+
+
+@pytest.mark.parametrize("verb", ["run", "move"])
+@on_virtual_clock
+async def test_one_that_falls_silent_while_it_turns_is_told_soon_and_as_not_seen_standing(verb: str) -> None:
+    sim = FlakyMks()
+    async with bench(sim) as on:
+        motion = on.axis.move_to(40.0) if verb == "move" else on.axis.run(60, duration=30)
+        await anyio.sleep(2.0)
+        receive, sim.receive = sim.receive, lambda frame, now: None  # type: ignore[method-assign]
+        fell_silent = on.bus.now()
+        with pytest.raises(MoveFailed, match=r"stopped answering .* could not be seen standing\. Look at the machine"):
+            await motion
+        assert on.bus.now() - fell_silent < 2.2
+        assert on.sim.moving(on.bus.now())
+        sim.receive = receive  # type: ignore[method-assign]
+        await anyio.sleep(2.0)
+        assert not on.sim.moving(on.bus.now())

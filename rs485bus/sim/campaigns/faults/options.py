@@ -39,7 +39,10 @@ def _slow_flash(kept: Container[int]) -> Callable[[Drive, bytes, float], Treatme
 
 
 _LATE_WHILE_MOVING = Option(
-    "While it moves every seventh answer is 0.7 s late.", treats=_late_while_moving, spoils=True
+    "While it moves every seventh answer is 0.7 s late.",
+    treats=_late_while_moving,
+    spoils=True,
+    bus={"late_reply_window": _LATE},  # by default a reply is late by 0.5 s at most
 )
 _BUSY = Option("To every seventh request it says that it is busy.", treats=_busy, spoils=True)
 _SLOW = "It answers a write that it keeps in its flash 0.25 s late."

@@ -42,6 +42,8 @@ class Option:
     """What becomes of a frame to such a drive, at that time, where nothing else goes wrong."""
     spoils: bool = False
     """Such a drive spoils attempts of its own: one more that is lost may be the last, and change how a call ends."""
+    bus: Mapping[str, Any] = field(default_factory=dict)
+    """What its bus is told of it, as arguments of `BusConfig`."""
 
 
 class Drive(ABC):

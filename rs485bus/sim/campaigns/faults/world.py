@@ -149,8 +149,7 @@ class World:
         drives = self.buses[number]
         shafts = tuple(shaft.name for drive in drives for shaft in drive.shafts)
         self.evidence.left_running = bool(config.get("leave_running"))
-        for drive in drives:
-            config = {**drive.option.bus, **config}
+        config = {name: value for drive in drives for name, value in drive.option.bus.items()} | config
         opening = open_bus(self.lines[number], config=BusConfig(**config))
         recorded = None
         call = self._calls.begin(f"bus {number}", "open", (), config)

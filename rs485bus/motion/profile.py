@@ -149,7 +149,12 @@ class RunProfile:
             return self.ramp
         if self.duration is None:
             return math.inf
-        return self.duration + abs(self._speed_after(self.duration)) / self.rate
+        return self.duration + abs(self.last_speed) / self.rate
+
+    @property
+    def last_speed(self) -> float:
+        """The speed from which it slows down, which it never exceeds: its own, unless its time is over before that."""
+        return self.rpm if self.duration is None else self._speed_after(self.duration)
 
     def turns_after(self, seconds: float) -> float:
         """How far it has come so many seconds after its start."""
@@ -158,7 +163,7 @@ class RunProfile:
         until = seconds if self.duration is None else min(seconds, self.duration)
         turns = self._turns_up(until)
         if self.duration is not None and seconds > self.duration:
-            speed = self._speed_after(self.duration)
+            speed = self.last_speed
             down = min(seconds - self.duration, abs(speed) / self.rate)
             turns += math.copysign(abs(speed) * down - self._fallen(down), speed) / _MINUTE
         return turns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
@@ -82,6 +83,8 @@ class RunExecutor:
         self._overtaken = False
         start = await self._executor.ready(standing=False)
         task = Task(move, start=start, rpm=rpm, before=await self._speed())
+        rate = min(parameters.acceleration, parameters.slowing_down)
+        profile = RunProfile(rpm, rate, task.before, duration)
         since = self._state.known(Fact.POSITION).at
         if limits is not None and rpm and not (start < limits[1] if rpm > 0 else start > limits[0]):
             raise LimitReached(f"{self._name} stands at the end of its limits already, and can only run the other way.")
@@ -89,9 +92,10 @@ class RunExecutor:
         if counted is None:
             await self._run_off(task, rpm, parameters, ticks)
         else:
-            await self._run_for(task, rpm, parameters, counted)
-        rate = min(parameters.acceleration, parameters.slowing_down)
-        profile = RunProfile(rpm, rate, task.before, duration)
+            # It is told no more than it comes to: its ramp down is then for the speed that it has.
+            step = self._drive.ability(self._axis).rpm_step
+            task.rpm = profile.last_speed if abs(profile.last_speed) >= step else math.copysign(step, rpm)
+            await self._run_for(task, task.rpm, parameters, counted)
         counts_per_turn = self._drive.ability(self._axis).counts_per_turn
         if counted is not None:
             move.started_at = await self._began_at(task, profile, counts_per_turn)
@@ -194,6 +198,8 @@ class RunExecutor:
         if abs(went - wanted) > max(_WAY * abs(wanted), _WAY_TIME * abs(profile.rpm) / 60):
             halted_by = self._drive.halted_by(self._axis)
             why = f": {halted_by}" if halted_by else f". {self._drive.what_else(self._axis)}"
+            if abs(went) > abs(wanted):
+                why = ". It heard late that it was to stop, or its ramps are not what it was told."
             raise MoveFailed(
                 f"{self._name} went {went:.3f} turns in its {course.what} for {profile.duration:g} s, and should have "
                 f"gone {wanted:.3f}{why}"

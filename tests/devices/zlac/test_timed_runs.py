@@ -126,3 +126,30 @@ def test_a_wheel_that_ran_and_was_stopped_keeps_nothing_from_its_other_one(how: 
             await left
 
     check()
+
+
+@pytest.mark.parametrize("ramp_rpm", [None, 1000.0])
+@pytest.mark.parametrize(("rpm", "duration"), [(200, 0.1), (200, 1.0), (-120, 0.3), (90, 0.6), (1, 0.01)])
+def test_a_run_too_short_for_its_speed_goes_as_far_as_its_ramps_take_it(
+    rpm: float, duration: float, ramp_rpm: float | None
+) -> None:
+    @virtual
+    async def check() -> None:
+        sim = SimZlac(1, watchdog=0, ramp_rpm=ramp_rpm)
+        async with open_bus(VirtualLine(sim)) as bus:
+            base = Zlac8015d(bus, 1, ramp_rpm=ramp_rpm)
+            await base.enable()
+            went = await base.left.run(rpm, duration=duration)
+            peak = min(abs(rpm), 120 * duration)
+            whole = (peak * duration if peak == 120 * duration else abs(rpm) * duration) / 60
+            assert abs(went) == pytest.approx(whole, abs=max(0.03 * whole, 0.01))
+
+    check()
+
+
+@virtual
+async def test_a_run_too_short_to_turn_round_slows_down_from_the_speed_that_it_has() -> None:
+    async with _wheel() as (base, sim):
+        await base.left.run(120)
+        await base.left.run(-120, duration=0.5)  # it comes down to 60 rpm in that time
+        assert not sim.left.motor.moving(asyncio.get_running_loop().time())

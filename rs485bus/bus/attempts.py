@@ -8,10 +8,10 @@ from rs485bus.bus.clock import Clock
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.line.diagnosis import is_there
 from rs485bus.bus.line.serial_line import SerialLine
-from rs485bus.bus.line.transaction import Kind
+from rs485bus.bus.line.transaction import ECHO, NORMAL, Kind
 from rs485bus.bus.record import Journal, Record
 from rs485bus.bus.schedule.admission import AdmissionControl
-from rs485bus.bus.schedule.job import NOT_WEIGHED, Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.job import NOT_WEIGHED, REPLY, STOP, Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.lingering import Lingering
 from rs485bus.bus.schedule.pipeline import Pipeline
 from rs485bus.bus.schedule.queue import Queue
@@ -105,11 +105,11 @@ class Attempts:
         unit = self._units.by_address[request.address]
         if kind in _LATE:
             self.came_late(kind, unit, request, frame)
-        elif kind is not Kind.ECHO and (job := self._pair.job) is not None:
+        elif kind is not ECHO and (job := self._pair.job) is not None:
             if unit.late.owed:
                 unit.late.expire(self._clock.now)
-            if kind is Kind.NORMAL:
-                undecided = job.urgency is Urgency.STOP and self._is_anothers(job, unit, frame)
+            if kind is NORMAL:
+                undecided = job.urgency is STOP and self._is_anothers(job, unit, frame)
             else:
                 undecided = unit.late.leaves_undecided(job, frame)
             if not undecided:
@@ -149,7 +149,7 @@ class Attempts:
 
     def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
         meaning = None
-        if kind is not Kind.NORMAL:
+        if kind is not NORMAL:
             if kind is Kind.EXCEPTION:
                 job.code = frame[2]
             meaning = unit.meaning(job.request, job.code)
@@ -193,7 +193,7 @@ class Attempts:
             if asked_at > NEVER:
                 unit.attached.on_reply(request, frame, asked_at, now)
         if job.weighed < 0 or since >= job.queued_at or not self._is_asked_again(job, unit):
-            self._end(job, Outcome.REPLY)
+            self._end(job, REPLY)
 
     def _is_asked_again(self, job: Job, unit: UnitState) -> bool:
         """Whether a job is asked again whose answer may be a late reply. Where that does not decide it, the bus' own go

@@ -17,7 +17,7 @@ from rs485bus.bus.line.serial_line import CUT_AFTER, SerialLine
 from rs485bus.bus.line.transaction import Kind
 from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
-from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.job import CONFIRM, NO_REASON, STOP, Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.one_way import OneWay
 from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.schedule.scheduler import Scheduler
@@ -124,23 +124,23 @@ class Owner:
         job.queued_at = self._clock.now = now
         job.outcome = job.code = job.heard = None
         pair, urgency, reason = self.pair, job.urgency, self.gate.refusal(job)
-        if self.queue.size >= self.config.max_queued and not (job.internal or job.setpoint or urgency is Urgency.STOP):
+        if self.queue.size >= self.config.max_queued and not (job.internal or job.setpoint or urgency is STOP):
             reason = Reason.QUEUE_FULL
-        if reason is Reason.NONE and job.slot is not None:
+        if reason is NO_REASON and job.slot is not None:
             reason = self.starts.join(job)
-        if reason is Reason.NONE and job.expires_at is not None and job.expires_at <= now:
+        if reason is NO_REASON and job.expires_at is not None and job.expires_at <= now:
             reason = Reason.EXPIRED
-        if reason is not Reason.NONE:
+        if reason is not NO_REASON:
             self._end(job, Outcome.NOT_SENT, reason)
             return
         # What confirms a stop waits for no set-point, which waits for the end of that stop. Other looks take turns.
-        look = urgency is Urgency.CONFIRM and job.is_look
+        look = urgency is CONFIRM and job.is_look
         self.queue.put(job, first=job.goes_on or (look and self.units[job.address].halt is not None))
         if job.expires_at is not None:
             job.timer = self.at(job.expires_at, lambda: self._expire(job))
         if pair.job is None:
             self._wake = min(self._wake, pair.quiet_at - self._selector.lead)
-        elif urgency is Urgency.STOP:
+        elif urgency is STOP:
             self._wake = min(self._wake, pair.wait_until(now))
 
     def _submit(self, job: Job) -> None:

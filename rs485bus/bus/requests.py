@@ -12,7 +12,7 @@ from rs485bus.bus.handle import settle
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.port import Port
 from rs485bus.bus.schedule.burst import BurstSlot
-from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.schedule.job import REPLY, Job, Urgency
 from rs485bus.bus.schedule.verification import Verification
 from rs485bus.bus.units.broadcast import is_broadcast, moved_by
 from rs485bus.bus.units.motion import Motion
@@ -99,7 +99,7 @@ class Requests:
             except asyncio.CancelledError:
                 owner.cancel(job, loop.time())
                 raise
-        if job.outcome is Outcome.REPLY:
+        if job.outcome is REPLY:
             return job.reply
         of, refusals = (None, None) if attached is None else (attached.family, attached.refusals)
         flight = list(owner.journal.flight)

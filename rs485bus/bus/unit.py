@@ -34,6 +34,7 @@ B = TypeVar("B")
 C = TypeVar("C")
 
 _OPTIONS: Final = frozenset(RequestOptions.__optional_keys__)
+_NEVER: Final = Repeat.NEVER
 
 
 class Unit(DataFunctions, DiagnosticFunctions):
@@ -182,8 +183,7 @@ class Unit(DataFunctions, DiagnosticFunctions):
         """Send a request; the coroutine returns the frame that answers it. `read_back` is for what is repeated by
         VERIFY."""
         if not options:
-            repeat = Repeat.NEVER if request.writes else Repeat.SAFE
-            return self._bus.ask(request, repeat=repeat, moves=request.writes)
+            return self._bus.ask(request, repeat=_NEVER, moves=True) if request.writes else self._bus.ask(request)
         unknown = options.keys() - _OPTIONS
         if unknown:
             known = ", ".join(f"{name}=" for name in sorted(_OPTIONS))

@@ -49,7 +49,8 @@ class Fact(enum.Enum):
     __hash__ = object.__hash__
 
 
-MOTION = frozenset({Fact.POSITION, Fact.RUNNING, Fact.SPEED, Fact.PUSHES})
+_POSITION, _RUNNING, _SPEED = Fact.POSITION, Fact.RUNNING, Fact.SPEED
+MOTION = frozenset({_POSITION, _RUNNING, _SPEED, Fact.PUSHES})
 """What a frame that starts or stops an axis changes."""
 Facts = Mapping[Fact, Any]
 
@@ -161,22 +162,22 @@ class AxisState:
         for fact, value in facts.items():
             before = self._facts.get(fact, _UNKNOWN)
             if at >= before.at and at >= self._changed.get(fact, NEVER):
-                if fact is Fact.POSITION:
+                if fact is _POSITION:
                     self._notice_jump(before, value, at, now)
                     if before.value is not None:
                         self.last_way = (before.at, at, self.rule.moved(before.value, value))
                 elif fact is Fact.RUNNING and value and facts.get(Fact.PUSHES, True):
                     self.ran_at = at
                 self._facts[fact] = Known(value, at)
-        if at >= self._changed.get(Fact.POSITION, NEVER) and at >= self.standstill.until:
-            told = facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED)
+        if at >= self._changed.get(_POSITION, NEVER) and at >= self.standstill.until:
+            told = facts.get(_POSITION), facts.get(_RUNNING), facts.get(_SPEED)
             self.standstill.see(at, *told, by)
 
     def change(self, facts: Iterable[Fact], at: float) -> None:
         """A frame that can change these facts goes out."""
         for fact in facts:
             self._changed[fact] = at
-            if fact is Fact.POSITION:
+            if fact is _POSITION:
                 self.standstill.forget()
 
     def start(self, fastest: float, at: float = NEVER) -> None:

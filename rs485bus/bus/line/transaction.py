@@ -30,6 +30,10 @@ class Kind(enum.Enum):
     LATE_EXCEPTION = enum.auto()
 
 
+ECHO, NORMAL = Kind.ECHO, Kind.NORMAL
+"""Asked for at every reply; see `job.NO_REASON`."""
+
+
 class Received(NamedTuple):
     kind: Kind
     request: Request
@@ -100,11 +104,11 @@ class Transaction:
         """Take bytes in; return the frames they complete."""
         received = []
         for (kind, request), frame in self._receiver.feed(data):
-            if kind is Kind.ECHO and frame != request.adu:
+            if kind is ECHO and frame != request.adu:
                 continue  # somebody else's, that begins alike
-            if kind is Kind.ECHO and self._mirrors and (self._echoed or self._has_passed(request)):
-                kind = Kind.NORMAL  # the second of two equal frames is the reply, also where the first was damaged
-            elif kind is Kind.ECHO:
+            if kind is ECHO and self._mirrors and (self._echoed or self._has_passed(request)):
+                kind = NORMAL  # the second of two equal frames is the reply, also where the first was damaged
+            elif kind is ECHO:
                 self._echoed = True
             received.append(Received(kind, request, frame))
         return received

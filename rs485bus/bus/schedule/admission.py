@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rs485bus.bus.line.serial_line import SerialLine
-from rs485bus.bus.schedule.job import Job, Reason, Urgency
+from rs485bus.bus.schedule.job import FEED, NO_REASON, START, STOP, Job, Reason, Urgency
 from rs485bus.bus.schedule.pauses import PauseKeeper
 from rs485bus.bus.schedule.queue import READY
 from rs485bus.bus.stopping.ration import StopRation
@@ -75,14 +75,14 @@ class AdmissionControl:
         """Why a job may be sent neither now nor later; NONE if it may."""
         if self.closed:
             return Reason.CLOSED
-        if job.urgency is Urgency.STOP:
-            return Reason.NONE
+        if job.urgency is STOP:
+            return NO_REASON
         if job.motion is not None and job.is_stale:
             return Reason.STOPPED
-        if job.urgency is Urgency.FEED and not self.connected:
+        if job.urgency is FEED and not self.connected:
             return Reason.UNPLUGGED
         if job.internal:
-            return Reason.OFFLINE if job.backs_off and self._units[job.address].reach.offline else Reason.NONE
+            return Reason.OFFLINE if job.backs_off and self._units[job.address].reach.offline else NO_REASON
         feeding, moves = self._feeding, job.moves
         if feeding.armed and job.request.writes and self._disrupts(job):
             return Reason.DISRUPTIVE
@@ -95,15 +95,15 @@ class AdmissionControl:
         if moves and not self.connected:
             return Reason.UNPLUGGED
         if job.is_broadcast:
-            return self._refusal_of_broadcast(job) if moves else Reason.NONE
+            return self._refusal_of_broadcast(job) if moves else NO_REASON
         unit = self._by_address[job.address]
         if unit.reach.offline:
             return Reason.OFFLINE
         if unit.is_stops_only:
             return Reason.EMERGENCY if self.latched else Reason.STOPPED
         if not moves:
-            return Reason.NONE
-        return Reason.LOCKED if unit.locked else Reason.UNCONFIRMED if _is_unconfirmed(unit) else Reason.NONE
+            return NO_REASON
+        return Reason.LOCKED if unit.locked else Reason.UNCONFIRMED if _is_unconfirmed(unit) else NO_REASON
 
     def _refusal_of_broadcast(self, job: Job) -> Reason:
         """The same, for a broadcast that could move something."""
@@ -179,7 +179,7 @@ class AdmissionControl:
             return job.not_before
         if self._feeding.armed and (until := self._wait_for_feeds(job, now)) > now:
             return until
-        if job.urgency is Urgency.STOP and job.request.writes:
+        if job.urgency is STOP and job.request.writes:
             # It waits for nothing but a watchdog that must not be fed.
             silent_until = self._units[job.address].silent_until
             return silent_until if silent_until > now else READY
@@ -203,7 +203,7 @@ class AdmissionControl:
         if self.silent and not job.is_repeatable and (until := self._may_be_hit_until(unit, job, now)) > now:
             return until
         pause = unit.pause if job.pause is None else job.pause
-        if pause and job.urgency > Urgency.START:
+        if pause and job.urgency > START:
             return self.pauses.wait(job, pause, now)
         return READY
 

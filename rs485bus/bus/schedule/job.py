@@ -86,6 +86,12 @@ class Reason(enum.Enum):
     CLOSED = enum.auto()
 
 
+STOP, START, FEED, CONFIRM, COMMAND, POLL = Urgency
+REPLY = Outcome.REPLY
+NO_REASON = Reason.NONE
+"""The members themselves, for what is asked of every frame: Python 3.11 takes 0.2 µs to look one up in its class."""
+
+
 class Job:
     """A request and its way over the wire. The owner alone changes it after it was submitted.
 
@@ -184,9 +190,9 @@ class Job:
         self.is_broadcast = request.address == BROADCAST
         self.expects_reply = request.length > 0 or request.sizer is not None
         if slot is not None:
-            urgency = Urgency.START
-        elif urgency is Urgency.START:
-            urgency = Urgency.COMMAND  # there is nothing that it could go out with
+            urgency = START
+        elif urgency is START:
+            urgency = COMMAND  # there is nothing that it could go out with
         self.urgency = urgency
         self.repeat = repeat
         self.moves = moves
@@ -234,7 +240,7 @@ class Job:
         self.heard: Heard | None = None
         """What came instead of an answer, in the latest attempt in which anything did."""
         self.outcome: Outcome | None = None
-        self.reason = Reason.NONE
+        self.reason = NO_REASON
         self.reply = b""
         self.code: int | None = None
         """The exception code that answered its latest attempt, if one did."""

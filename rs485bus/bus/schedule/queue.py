@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 
-from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.bus.schedule.job import COMMAND, CONFIRM, FEED, POLL, Job, Urgency
 from rs485bus.wire.frames import Request
 
 READY = 0.0
@@ -115,13 +115,13 @@ class Queue:
             return None, _FOREVER
         if self._looks >= _PATIENCE:
             self._looks = 0
-            job, _ = self.take(admit, (Urgency.FEED,))
+            job, _ = self.take(admit, (FEED,))
             if job is None:
                 job, _ = self.take_rest(admit)
             if job is not None:
                 return job, 0.0
         job, again = self.take(admit, _SOON)
-        if job is not None and job.urgency is Urgency.CONFIRM and (self.has(Urgency.COMMAND) or self.has(Urgency.POLL)):
+        if job is not None and job.urgency is CONFIRM and (self.has(COMMAND) or self.has(POLL)):
             self._looks += 1
         else:
             self._looks = 0
@@ -136,7 +136,7 @@ class Queue:
         waits = bool(self._polls)
         job, again = self.take(admit, _POLLS_FIRST if self._passed >= _PATIENCE else _REST)
         if job is not None:
-            self._passed = self._passed + 1 if waits and job.urgency is Urgency.COMMAND else 0
+            self._passed = self._passed + 1 if waits and job.urgency is COMMAND else 0
         return job, again
 
     def take_of(self, address: int, admit: Admission) -> Job | None:

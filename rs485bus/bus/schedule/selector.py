@@ -16,7 +16,7 @@ from rs485bus.bus.line.serial_line import LOOKS_WAIT, STOP_WAITS, SerialLine
 from rs485bus.bus.record import Journal
 from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.burst_scheduler import BurstScheduler
-from rs485bus.bus.schedule.job import Job, Reason, Urgency
+from rs485bus.bus.schedule.job import NO_REASON, Job, Reason, Urgency
 from rs485bus.bus.schedule.pipeline import Pipeline
 from rs485bus.bus.schedule.queue import GONE, READY, Queue
 from rs485bus.bus.schedule.waiting import Waiting
@@ -277,9 +277,9 @@ class Selector:
     def _admit(self, job: Job) -> float:
         gate = self._gate
         reason = gate.refusal(job)
-        if job.backs_off and reason is Reason.NONE and self._is_in_the_way(self._units[job.address], job.request):
+        if job.backs_off and reason is NO_REASON and self._is_in_the_way(self._units[job.address], job.request):
             reason = Reason.OWED
-        if reason is not Reason.NONE:
+        if reason is not NO_REASON:
             self._drop(job, reason)
             return GONE
         until = gate.wait(job, self._clock.now)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections import OrderedDict
 
-from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.bus.schedule.job import FEED, Job
 
 MARGIN = 0.0015
 """What is added to every learned time."""
@@ -32,6 +32,9 @@ class RequestKind(enum.IntEnum):
     READ = 0
     WRITE = 1
     FEED = 2
+
+
+_READS, _WRITES, _FEEDS = RequestKind
 
 
 class _Estimate:
@@ -89,7 +92,7 @@ class ReplyTimes:
         """
         kind = _kind(job)
         wait = self._kinds[kind].wait
-        if kind is RequestKind.READ and wait < (fed := self._kinds[RequestKind.FEED].wait) < _UNKNOWN:
+        if kind is _READS and wait < (fed := self._kinds[_FEEDS].wait) < _UNKNOWN:
             wait = fed  # feeds are reads, too, and wait for whatever comes: they find out that the unit has become slow
         if self._slow and wait < _UNKNOWN:
             wait = max(wait, self._slow.get(job.request.adu, 0.0))
@@ -146,5 +149,5 @@ class ReplyTimes:
 
 def _kind(job: Job) -> RequestKind:
     if job.request.writes:
-        return RequestKind.WRITE
-    return RequestKind.FEED if job.urgency is Urgency.FEED else RequestKind.READ
+        return _WRITES
+    return _FEEDS if job.urgency is FEED else _READS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from operator import attrgetter
 
-from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.bus.schedule.job import FEED, Job
 from rs485bus.bus.schedule.queue import Admission, Queue
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
@@ -47,7 +47,7 @@ def next_feed(
     unit.late.expire(now)
     request = _read_to_feed(unit, attached.reads(), queue) if unit.late else attached.reads()[0]
     watch.ledger.feeds += 1
-    job = Job(request, urgency=Urgency.FEED, ignores_late_replies=True, internal=True, retries=0)
+    job = Job(request, urgency=FEED, ignores_late_replies=True, internal=True, retries=0)
     job.feeds = True
     # A device that has become slow is to be heard: it is waited for longer than it usually takes, unless others would
     # trip for that.

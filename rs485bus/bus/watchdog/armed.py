@@ -9,6 +9,8 @@ from rs485bus.bus.watchdog.reckoning import SHARE
 _SLOWER = 1.25
 MARGIN = 0.001
 """Seconds by which an answer may be late that is waited for as briefly as can be; and a quarter of a feed."""
+REVISED, REVISED_BY = 1.25, 0.001
+"""By how much a feed must take longer than was reckoned with, to reckon anew: this many times, and seconds."""
 
 
 @dataclass(slots=True)
@@ -112,3 +114,9 @@ class ArmedWatchdog:
     def least_wait(self) -> float:
         """How long a feed must have the wire, at the least, to be answered."""
         return min(1.25 * self.takes + MARGIN, max(self.attempt, self.takes))
+
+    @property
+    def longest_least_wait(self) -> float:
+        """How long that can become before the feeds of all devices are added up anew."""
+        takes = REVISED * self.cost + REVISED_BY
+        return min(1.25 * takes + MARGIN, max(self.attempt, takes))

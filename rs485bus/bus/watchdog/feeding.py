@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from operator import attrgetter
 
-from rs485bus.bus.watchdog.armed import ArmedWatchdog, Ledger
+from rs485bus.bus.watchdog.armed import REVISED, REVISED_BY, ArmedWatchdog, Ledger
 from rs485bus.bus.watchdog.reckoning import LOST, SHARE, Reckoning, add_up, admit, latest_start
 from rs485bus.bus.watchdog.strain import Strain
 from rs485bus.bus.watchdog.tempo import Tempo
@@ -25,14 +25,13 @@ TOGETHER = 1 / 12
 """The part of a watchdog's time by which its device is fed early, together with others."""
 NARROW = 3 / 4
 """The part of a watchdog's time after which it was a narrow escape if the device is heard at last."""
-_SLOWER = 1.25, 0.001
-"""By how much a feed must take longer than was reckoned with, to reckon anew: this many times, and seconds."""
 _EARLY = 1.005
 """Devices that were fed one behind the other are due one behind the other. They are begun with a little earlier than
 that, so that something else may go between them."""
 _due = attrgetter("due")
 _takes = attrgetter("takes")
 _least_wait = attrgetter("least_wait")
+_longest_least_wait = attrgetter("longest_least_wait")
 _SOON = float("-inf")
 _MUTED = float("inf")
 
@@ -47,6 +46,7 @@ class Feeding:
     __slots__ = (
         "_ample",
         "_company",
+        "_free_until",
         "_latest",
         "_live_first_until",
         "_misses",
@@ -86,6 +86,8 @@ class Feeding:
         """More has failed than admission reckons with, and may do so again until then."""
         self._rest_until = _SOON
         """No feed before, to a device that missed its last two."""
+        self._free_until = _SOON
+        """Until when the wire may be taken, at least, lest one trips that answers. Not kept exact: as `_latest`."""
         self._latest = _SOON
         """When feeding must begin, at the latest. Not kept exact: hearing a device only ever puts that off."""
         self.look_at = float("inf")
@@ -161,7 +163,7 @@ class Feeding:
 
     def reckon(self) -> None:
         """Add up anew what feeding takes, after something has changed. Told if it is more than was admitted."""
-        self._latest = _SOON
+        self._latest = self._free_until = _SOON
         watches = [*self._watches.values(), *self._planned.values()]
         if not watches:
             self.reckoning, self.slack = None, float("inf")
@@ -220,8 +222,7 @@ class Feeding:
         watch = self._watches.get(address)
         if watch is not None:
             self._tempo.measured(watch, watch.overhead + turnaround, self._watches.values())
-            times, more = _SLOWER
-            changed = watch.takes > times * watch.cost + more or times * watch.takes + more < watch.cost
+            changed = watch.takes > REVISED * watch.cost + REVISED_BY or REVISED * watch.takes + REVISED_BY < watch.cost
             if changed or self._tempo.guessed:
                 self._tempo.guessed = False
                 self.reckon()
@@ -329,8 +330,13 @@ class Feeding:
 
         That is all that its reply may take, as long as the others can be fed after it even if none of them answers.
         """
-        if now <= watch.due + self._ample and not self._misses:
-            return watch.attempt
+        if not self._misses:
+            if now <= watch.due + self._ample:
+                return watch.attempt
+            if now + watch.attempt > self._free_until:
+                self._free_until = latest_start(self._watches.values(), _longest_least_wait)
+            if now + watch.attempt <= self._free_until:
+                return watch.attempt
         room = self._room(watch) - (self._reserve if watch.failures and now < self._live_first_until else 0.0)
         return min(max(room - now, watch.least_wait), watch.attempt)
 

@@ -28,7 +28,7 @@ class Tempo:
         self._times = float("inf")
         """How many times as long as before each of them took, at the least."""
         self.guessed = False
-        """Something was concluded for devices that were not fed."""
+        """Something was concluded for other devices than the one that was fed."""
 
     def measured(self, watch: ArmedWatchdog, took: float, all_watches: Iterable[ArmedWatchdog]) -> None:
         """A feed took so many seconds. Updates what feeds are expected to take, also of other devices."""
@@ -45,6 +45,7 @@ class Tempo:
         for other in all_watches:
             if other.address in self._slow:
                 other.takes = other.known = other.latest
+                self.guessed = self.guessed or other is not watch
             elif not other.guessed:
                 other.takes, other.guessed = other.known * self._times, True
                 self.guessed = True

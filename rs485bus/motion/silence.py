@@ -61,14 +61,18 @@ class Silence:
 
     def answered(self, now: float) -> bool:
         """It answers; whether it was silent before, longer than the line explains."""
-        self._take(self._misses, now)
-        if self._is_calm and not self._misses:
-            self._all, self._late = [], 0
+        misses = self._misses
+        if misses:
+            self._take(misses, now)
+        elif self._is_calm:
+            self._all.clear()
+            self._late = 0
         self._is_calm = True
         self._answered, self._lost = _MEMORY * self._answered + 1, _MEMORY * self._lost
-        if len(self._misses) < _LONG:
-            self._lost += len(self._misses)
-        self._misses = []
+        if misses:
+            self._misses = []
+            if len(misses) < _LONG:
+                self._lost += len(misses)
         was_silent, self._was_silent = self._was_silent, False
         return was_silent
 

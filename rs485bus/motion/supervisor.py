@@ -157,7 +157,7 @@ class Supervisor:
 
     def review(self) -> None:
         """Something is known that was not, or may be so no more."""
-        now, active = self._bus.now(), False
+        active = False
         for axis, watched in self._watched.items():
             watched.state.suspect(self._drive.restarted(axis))
             watched.changes.look()
@@ -174,12 +174,12 @@ class Supervisor:
                 continue
             active = True
             if not self._is_being_stopped(watched):
-                self._judge(axis, watched, now)
+                self._judge(axis, watched, self._bus.now())
         if not active:
             self._rest()
             return
         if self._since == NEVER:
-            self._since = now
+            self._since = self._bus.now()
             self._budget.enter(self, self._look_time.seconds)
         self._look()
 
@@ -193,16 +193,16 @@ class Supervisor:
             watched.tell(EventKind.RESTART, watched.lost)
 
     def _may_move(self, axis: int, watched: _Watched) -> bool:
-        state = watched.state
-        if not state.motion.may_move and state.stands is False and state.value(Fact.RUNNING):
-            # Somebody else has set it in motion.
-            state.motion.moves()
+        state, motion, drive = watched.state, watched.state.motion, self._drive
+        if not motion.may_move:
+            if state.stands is not False or not state.value(Fact.RUNNING):
+                return False
+            motion.moves()  # somebody else has set it in motion
             state.start(_FOREVER)
             state.keeps = False  # what it was told before has ended
-        if state.motion.may_move:
-            begun, grace = state.motion.commanded_at, self._drive.start_grace
-            watched.course = ForeignCourse("motion", state, begun, grace, proof=self._drive.wanted(axis))
-        return state.motion.may_move
+        proof = drive.wanted(axis)
+        watched.course = ForeignCourse("motion", state, motion.commanded_at, drive.start_grace, proof=proof)
+        return True
 
     def _is_being_stopped(self, watched: _Watched) -> bool:
         halt = self._bus.owner.units[self._drive.address].halt

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 from rs485bus.bus.units.adapter import WatchdogRegister
@@ -37,8 +38,6 @@ _SLOWEST_SETTING = 2.5
 """Seconds that 0x9A may take to answer; 5.6 logs 1.6."""
 _FOREVER = float("inf")
 _JUMP = r.COUNTS_PER_TURN * 5 // 360
-_LONGEST = max(17 + 2 * block.count for block in r.BLOCK_WRITES)
-"""Bytes: a write has 9 beside its data, and its reply has 8. Reads take less."""
 _WRITTEN = {register.address for register in (*r.SINGLE_WRITES, *r.BLOCK_WRITES)}
 _MODBUS_IS_OFF = (
     "Modbus is switched off in it. `enable_modbus` of rs485bus.devices.mks switches it on, and so does MB_RTU in the "
@@ -84,7 +83,7 @@ class MksDrive(Drive):
     """
 
     family = FAMILY
-    longest = _LONGEST
+    longest = max(17 + 2 * block.count for block in r.BLOCK_WRITES)  # 9 bytes and the data, and 8 that answer
     late_reply_window = LATE_REPLY_WINDOW
     when_silent = f"Or {_MODBUS_IS_OFF}"
     read_function = READ_INPUT  # and no other
@@ -146,11 +145,12 @@ class MksDrive(Drive):
         state = self.axis
         if self.homed is not None and state.value(Fact.MARK) not in (None, self.homed):
             return "its drive has forgotten that it was homed: it has restarted."
+        if not (state.holds and state.may_count_anew):
+            return ""
         enabled, stalled = state.known(Fact.ENABLED), state.known(Fact.STALLED)
-        let_go = stalled.value is True or stalled.at < enabled.at  # by a protection, or nobody knows yet
-        if state.holds and state.may_count_anew and enabled.value is False and not let_go:
-            return "its motor is not enabled any more, and nobody disabled it: the drive may have restarted."
-        return ""
+        if enabled.value is not False or stalled.value is True or stalled.at < enabled.at:
+            return ""  # it was let go of by a protection, or nobody knows yet
+        return "its motor is not enabled any more, and nobody disabled it: the drive may have restarted."
 
     def what_else(self, axis: int) -> str:
         return "A limit switch or another master may have stopped it."
@@ -379,12 +379,11 @@ def _position(data: bytes) -> Sequence[Facts]:
     return ({Fact.POSITION: r.POSITION.decode(data)},)
 
 
+@lru_cache(maxsize=8)  # each feed is answered by it
 def _status(data: bytes) -> Sequence[Facts]:
     status = r.STATUS.decode(data)
-    known = status in (Status.STOPPED, Status.SPEEDING_UP, Status.SLOWING_DOWN, Status.FULL_SPEED)
-    busy = status in (Status.HOMING, Status.CALIBRATING)
-    pushes = status in (Status.SPEEDING_UP, Status.FULL_SPEED)
-    return ({Fact.RUNNING: status is not Status.STOPPED if known or busy else None, Fact.PUSHES: pushes},)
+    runs = status is not Status.STOPPED if Status.STOPPED <= status <= Status.CALIBRATING else None
+    return ({Fact.RUNNING: runs, Fact.PUSHES: status in (Status.SPEEDING_UP, Status.FULL_SPEED)},)
 
 
 def _enabled(data: bytes) -> Sequence[Facts]:

@@ -46,7 +46,7 @@ from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
-from rs485bus.motion.upkeep import answers_again, insist, keep_fed
+from rs485bus.motion.upkeep import answers_again, insist, keep_fed, others_stand
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
@@ -259,8 +259,7 @@ class PlanCarrier:
     async def _others_stand(self, task: Task | None) -> None:
         mine = {carrier._axis for carrier, _ in self._all(task)}
         others = [state.motion for axis, state in enumerate(self._drive.state.axes) if axis not in mine]
-        while any(motion.may_move for motion in others):
-            await self._supervisor.plans.step_aside(_ASK_AGAIN)
+        await others_stand(self._bus, self._name, others, self._stops.others, self._supervisor.plans)
 
     async def _check_standing(self, step: MustStand) -> None:
         if not await self._knowledge.stands():

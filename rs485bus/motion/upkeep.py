@@ -1,8 +1,10 @@
-"""Steps of plans that concern the drive, not its motion: it is asked though it is offline, guarded, or restarting."""
+"""Steps of plans that concern the drive, not the motion of an axis: it is asked though it is offline, guarded, or
+restarting, and its other axes are waited for."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable, Sequence
 
 import anyio
 
@@ -10,11 +12,18 @@ from rs485bus.bus.bus import Bus
 from rs485bus.bus.failure import failure
 from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.job import Job, Outcome
+from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.watchdog.foreign import OPTION
 from rs485bus.bus.watchdog.guard import admit_and_arm
-from rs485bus.errors import DeviceOffline, NoReply, WatchdogInfeasible
+from rs485bus.errors import DeviceOffline, NoReply, NotStanding, WatchdogInfeasible
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.plan import AnswersAgain, Ask, KeepFed
+from rs485bus.motion.plan_lock import PlanLock
+from rs485bus.motion.stop_control import StopControl
+
+_ASK_AGAIN = 0.02
+_GOES_ON = 2.0
+"""Seconds after which an axis that nobody here has told to move is not waited for any more."""
 
 
 async def insist(bus: Bus, step: Ask) -> bytes:
@@ -63,3 +72,23 @@ async def answers_again(bus: Bus, step: AnswersAgain) -> bool:
             return False
         await anyio.sleep(step.pause)
     return True
+
+
+async def others_stand(
+    bus: Bus, name: str, others: Sequence[Motion], controls: Iterable[StopControl], plans: PlanLock
+) -> None:
+    """Wait until others of a drive's axes stand: for as long as they do what they were told here, or are stopped.
+
+    Raises:
+        NotStanding: one of them goes on though nobody here waits for it.
+    """
+    controls, waited_for_at = tuple(controls), bus.now()
+    while any(motion.may_move for motion in others):
+        if any(each.queue.current is not None or each.is_stopping for each in controls):
+            waited_for_at = bus.now()
+        elif bus.now() > waited_for_at + _GOES_ON:
+            raise NotStanding(
+                f"{name} waits for another axis of its drive, which turns, or says so, though nobody here has "
+                "told it to. See what turns it, and stop() it first."
+            )
+        await plans.step_aside(_ASK_AGAIN)

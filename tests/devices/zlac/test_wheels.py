@@ -6,7 +6,8 @@ import pytest
 
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.values import ControlMode, ControlWord
-from rs485bus.errors import LimitExceeded, MoveCancelled, NotEnabled, NotSupported, ReferenceLost
+from rs485bus.errors import LimitExceeded, MoveCancelled, NotEnabled, NotStanding, NotSupported, ReferenceLost
+from rs485bus.wire.frames import write_single
 from tests.devices.zlac.plant import CONTROL, WatchedZlac, on_virtual_clock, plant, word
 
 MODE = "06200D"
@@ -342,3 +343,32 @@ async def test_there_is_one_facade_for_an_address_and_none_for_node_zero() -> No
         for address in (0, 128):
             with pytest.raises(ValueError, match=r"1\.\.127"):
                 Zlac8015d(p.bus, address)
+
+
+@on_virtual_clock
+async def test_a_wheel_is_not_waited_for_that_somebody_else_keeps_turning() -> None:
+    async with plant() as p:
+        await p.base.run(30, 30)
+        await p.base.stop()
+        p.sim.receive(write_single(1, 0x2089, 30).adu, p.now)  # another master: the right one
+        for _ in range(3):
+            await asyncio.sleep(0.3)
+            await p.base.status()
+        began = p.now
+        with pytest.raises(NotStanding, match=r"another axis of its drive.* stop\(\) it"):
+            await p.base.left.move_to(1.0)
+        assert p.now - began < 4.0
+        await p.base.right.stop()
+        await p.base.left.move_to(1.0)
+
+
+@on_virtual_clock
+async def test_a_wheel_is_waited_for_as_long_as_it_does_what_it_was_told() -> None:
+    async with plant() as p:
+        await p.base.left.run(30)
+        await p.base.left.stop()
+        running = p.base.right.run(30, duration=8.0)
+        await asyncio.sleep(0.5)
+        await p.base.left.move_to(1.0)
+        assert running.done()
+        assert running.error is None

@@ -37,6 +37,7 @@ class SimTlr(SimUnit):
         denies: what it cannot do now is refused with exception 04; otherwise it is acknowledged and ignored.
         keeps_target: 0x33 to 0x38 hold what was written until it is switched off; otherwise a trigger uses it up.
         live_jog: a jog under way takes a new speed.
+        jog_by_level: a jog lasts as long as its bit is set, and slows down when that is taken back.
         enabled_bit: what status bit 4 says; None for the truth.
         enabled_at_power_on: whether it is energised then.
         ramp_rpm: the speed that ramp times refer to; None for that of the move.
@@ -61,6 +62,7 @@ class SimTlr(SimUnit):
         denies: bool = True,
         keeps_target: bool = True,
         live_jog: bool = False,
+        jog_by_level: bool = False,
         enabled_bit: bool | None = None,
         enabled_at_power_on: bool = True,
         ramp_rpm: float | None = None,
@@ -77,6 +79,7 @@ class SimTlr(SimUnit):
         self.denies = denies
         self.keeps_target = keeps_target
         self.live_jog = live_jog
+        self.jog_by_level = jog_by_level
         self.enabled_bit = enabled_bit
         self.enabled_at_power_on = enabled_at_power_on
         self.status_lag = status_lag
@@ -212,6 +215,9 @@ class SimTlr(SimUnit):
 
     def _control(self, word: ControlWord, before: ControlWord, now: float) -> None:
         rises = word & ~before if self.trigger == "edge" else word
+        jog_ends = self.jog_by_level and ControlWord.JOG in before and ControlWord.JOG not in word
+        if jog_ends and self.motion.activity is Activity.JOGGING:
+            self.motion.stop(now)
         if ControlWord.EMERGENCY_STOP in rises:
             self.motion.halt(now)
         elif ControlWord.STOP in rises:

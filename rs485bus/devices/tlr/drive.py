@@ -231,8 +231,9 @@ class TlrDrive(Drive):
         return words(payload((yield Ask(read(self.address, r.ALL_INPUT_FUNCTIONS)))))
 
     def enable(self, axis: int) -> Plan[None]:
-        # What stopped it may hold it as long as its bit is set.
-        yield Ask(control(self.address, ControlWord.NONE))
+        if not self.is_jogging:  # a jog may last as long as its bit is set, and is left alone
+            # What stopped it may hold it as long as its bit is set.
+            yield Ask(control(self.address, ControlWord.NONE))
         if self.keeps_target:
             yield Know((Fact.MARK,), afresh=True)
             if not self._witness.speaks:

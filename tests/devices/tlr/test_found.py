@@ -365,3 +365,18 @@ async def test_a_stop_has_the_time_of_the_ramp_down() -> None:
         await x.stop()
         assert now() - begun == pytest.approx(2.0, abs=0.2)
         assert [word for (word,) in writes(sim, CONTROL)][-1] == 0x20  # said once
+
+
+@pytest.mark.parametrize("by_level", [True, False])
+@virtual
+async def test_one_that_jogs_goes_on_when_it_is_enabled_once_more(by_level: bool) -> None:
+    sim = SimTlr(jog_by_level=by_level)
+    async with stepper_on(sim) as x:
+        await x.enable()
+        await x.run(60)
+        await x.enable()
+        await asyncio.sleep(1.0)
+        sim.motion.advance(now())
+        assert sim.motion.motor.rpm(now()) == pytest.approx(60)
+        assert await x.stop() is None
+        await x.move_to(2.0)

@@ -101,6 +101,7 @@ TLR = {
     "ignores": Option("What it cannot do it acknowledges and ignores.", {"denies": False}),
     "uses-targets-up": Option("A trigger uses the target up.", {"keeps_target": False}, {"keeps_target": False}),
     "live-jog": Option("A jog under way takes a new speed.", {"live_jog": True}, {"live_jog": True}),
+    "jog-by-level": Option("A jog ends when its bit is taken back.", {"jog_by_level": True}),
     "enabled-bit-lies": Option("Status bit 4 is always set.", {"enabled_bit": True}),
     "enabled-bit-never": Option("Status bit 4 is never set.", {"enabled_bit": False}),
     "settles-off": Option(

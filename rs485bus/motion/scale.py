@@ -41,10 +41,19 @@ class AxisScale:
     ) -> None:
         self.units_per_turn = positive("units_per_turn", units_per_turn, "; use reverse=True to turn the other way")
         self.reverse = flag("reverse", reverse)
-        self.limits = None if limits is None else _limits(limits)
+        self.limits = limits
         self._drive = drive
         self._at = number
         self._name = name
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Lowest and highest position that may be gone to, in units; None for no limit."""
+        return self._limits
+
+    @limits.setter
+    def limits(self, limits: tuple[float, float] | None) -> None:
+        self._limits = None if limits is None else _limits(limits)
 
     @property
     def ability(self) -> Ability:

@@ -91,3 +91,17 @@ async def test_the_least_and_the_greatest_ramp_that_there_are_end_no_stream(make
             await asyncio.sleep(0.1)
             setpoint(-100)
             await asyncio.sleep(0.1)
+
+
+@pytest.mark.parametrize("limits", [(math.nan, 5.0), (0.0, math.nan), (5.0, 0.0), ("0", 5.0), (1.0,), 5.0, (True, 5.0)])
+@virtual
+async def test_limits_that_are_none_are_refused_when_they_are_set_later_as_well(limits: object) -> None:
+    async with axes() as (all_axes, _):
+        for axis in all_axes:
+            axis.limits = (-1.0, 1.0)
+            with pytest.raises((LimitExceeded, ValueError, TypeError), match=r"limits"):
+                axis.limits = limits  # type: ignore[assignment]
+            assert axis.limits == (-1.0, 1.0)
+            with pytest.raises(LimitExceeded):
+                await axis.move_to(2.0)
+            axis.limits = None

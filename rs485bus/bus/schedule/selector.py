@@ -104,6 +104,12 @@ class Selector:
         return self._pair.wait_until(asked_at, expected, patient=job.urgency in _STOPPING and self._only_repetitions)
 
     @property
+    def _is_idle(self) -> bool:
+        """Whether nobody waits for the pair, nor a unit to be looked for."""
+        units = self._units
+        return not (self._queue.size or units.lost or units.doubted)
+
+    @property
     def _only_repetitions(self) -> bool:
         """Whether all stops that wait were said before. They would keep each other from ever being answered."""
         halts = (self._units[stop.address].halt for stop in self._queue.heads(Urgency.STOP))
@@ -135,7 +141,9 @@ class Selector:
             job, again = self._keep_quiet()
             if again > self._clock.now or job is not None:
                 return job, min(wake, again)
-        watch = feeding.due(self._clock.now) if feeding.look_at < _FOREVER else None
+        watch = feeding.first(self._clock.now) if self._is_idle else None
+        if watch is None and feeding.look_at < _FOREVER:
+            watch = feeding.due(self._clock.now)
         kept = False
         if self.starts.waiting and (watch is None or not self.starts.gives_way(self._clock.now)):
             job, again, kept = self.starts.next(self._clock.now)

@@ -44,7 +44,6 @@ class Feeding:
     """
 
     __slots__ = (
-        "_ample",
         "_company",
         "_free_until",
         "_latest",
@@ -77,8 +76,6 @@ class Feeding:
         """Of those that are not fed any more."""
         self._company: list[ArmedWatchdog] = []
         """What may be fed together with one that was due, the earliest due last."""
-        self._ample = _SOON
-        """How much later than it is due each of them may be fed, and yet none of these feeds be answered."""
         self._tempo = Tempo()
         self._misses = 0
         """All failures in a row, of all of them."""
@@ -172,7 +169,6 @@ class Feeding:
         for watch in self._watches.values():
             watch.cost = watch.takes
         self.reckoning = reckoning = add_up(watches, self.turnaround)
-        self._ample = reckoning.available - sum(watch.attempt for watch in watches)
         # What was admitted is not refused because feeding takes longer now.
         self.slack = max(reckoning.slack, reckoning.longest)
         if not self._watches or reckoning.fits:
@@ -331,8 +327,6 @@ class Feeding:
         That is all that its reply may take, as long as the others can be fed after it even if none of them answers.
         """
         if not self._misses:
-            if now <= watch.due + self._ample:
-                return watch.attempt
             if now + watch.attempt > self._free_until:
                 self._free_until = latest_start(self._watches.values(), _longest_least_wait)
             if now + watch.attempt <= self._free_until:
@@ -350,6 +344,11 @@ class Feeding:
                 return watch
             self._company.pop()
         return None
+
+    def first(self, now: float) -> ArmedWatchdog | None:
+        """As `soon`, where no other is due before that one: `due` would say nothing else, and takes longer."""
+        watch = None if self._misses else self.soon(now)
+        return watch if watch is not None and watch.due == min(map(_due, self._watches.values())) else None
 
     def next_at(self, now: float) -> float:
         """When the next watch is to be fed, if nothing else waits for the wire."""

@@ -114,7 +114,7 @@ class Owner:
 
     @property
     def wake(self) -> float:
-        """When `tick` wants to be called next. Every call may bring that forward; none but `tick` puts it off."""
+        """When `tick` wants to be called next. Every call may bring that forward; `tick` and answers put it off."""
         return min(self._wake, self._timers.next_at, self.feeding.over_at)
 
     # Jobs and what is done later
@@ -172,11 +172,12 @@ class Owner:
     def feed(self, data: bytes, now: float) -> None:
         """Bytes were received."""
         self._clock.now = now
-        pair = self.pair
+        pair, waits_for = self.pair, self.pair.job
         for received in pair.feed(data, now):
             self._attempts.take(*received)
         if pair.job is None:
-            self._wake = min(self._wake, self._selector.look_at())
+            # Where a job was answered, nobody waits any more for the end of its time.
+            self._wake = min(self._selector.look_at(), self._wake if waits_for is None else FOREVER)
         elif pair.is_brief:
             self._wake = min(self._wake, pair.wait_until())
 

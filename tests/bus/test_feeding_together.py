@@ -1,11 +1,16 @@
-"""Where nothing else waits for the pair, who was gathered is fed without asking who is due: it is the same device."""
+"""An idle bus is woken up for nothing but its feeds, and feeds whom it would feed otherwise."""
 
 import copy
 import random
 
 import pytest
 
+from rs485bus.bus.config import BusConfig
+from rs485bus.bus.owner import Owner
+from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
+from rs485bus.wire.frames import crc, read_holding
+from rs485bus.wire.timing import LineSettings
 
 
 def armed(feeding: Feeding, address: int, timeout: float, now: float) -> None:
@@ -59,3 +64,34 @@ def test_a_feed_that_was_not_answered_goes_again_before_those_that_were_gathered
     feeding.failed(first.address, now, 0.05)
     assert feeding.first(now) is None
     assert feeding.due(now) is first
+
+
+def test_on_an_idle_bus_nobody_is_woken_to_see_that_all_were_heard() -> None:
+    feeding = Feeding()
+    for address in (1, 2):
+        armed(feeding, address, 1.0, 0.0)
+    assert not feeding.overdue(0.0)
+    for address in (1, 2):
+        feeding.heard(address, 0.3)
+    assert feeding.due(0.31) is None
+    assert feeding.over_at == pytest.approx(1.3)
+
+
+def test_whoever_is_overdue_is_told_so_though_it_was_asked_before_who_is_due() -> None:
+    feeding = Feeding()
+    armed(feeding, 1, 1.0, 0.0)
+    feeding.mute(1)
+    assert feeding.due(1.5) is None
+    assert [watch.address for watch in feeding.overdue(1.5)] == [1]
+
+
+def test_after_an_answer_nobody_is_woken_for_the_end_of_the_time_that_the_request_had() -> None:
+    owner = Owner(LineSettings(baudrate=115200), BusConfig(echo=False), 0.0)
+    job, other = Job(read_holding(1, 0, 1)), Job(read_holding(2, 0, 1))
+    owner.submit(job, 1.0)
+    assert owner.tick(1.0) == job.request.adu
+    owner.feed(bytes.fromhex("01 03 02 00 01") + crc(bytes.fromhex("01 03 02 00 01")), 1.01)
+    assert job.outcome is Outcome.REPLY
+    assert owner.wake == float("inf")
+    owner.submit(other, 1.01)
+    assert owner.wake == owner.pair.quiet_at

@@ -123,10 +123,11 @@ class Selector:
         """When something may go, if nothing is out. What somebody waits for is made ready while the line is quiet."""
         if self._queue.size:
             return self._pair.quiet_at - self.lead
-        if self._feeding.look_at == _FOREVER and not (self._units.lost or self._units.doubted):
-            return _FOREVER
-        probe_at = self._units.to_probe_at(self._clock.now, idle=True)
-        return max(self._pair.quiet_at, min(self._feeding.next_at(self._clock.now), probe_at))
+        feeding, units, now = self._feeding, self._units, self._clock.now
+        at = _FOREVER if feeding.look_at == _FOREVER else feeding.next_at(now)
+        if units.lost or units.doubted:
+            at = min(at, units.to_probe_at(now, idle=True))
+        return max(self._pair.quiet_at, at)
 
     def next(self) -> tuple[Job | None, float]:
         """The job that goes next or, if there is none, when to look again."""

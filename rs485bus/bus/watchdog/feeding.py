@@ -295,6 +295,8 @@ class Feeding:
                 return missing
             start = min(start, again)
         self.look_at = start
+        if now < self.over_at:  # else that is to be asked first
+            self.over_at = min((watch.over for watch in watches), default=float("inf"))
         return None
 
     def _missing(self, now: float) -> tuple[ArmedWatchdog | None, float]:

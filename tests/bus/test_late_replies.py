@@ -3,14 +3,16 @@
 import pytest
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.schedule.job import Outcome, Reason, Urgency
+from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.units.asking import question_for
+from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import read
 from rs485bus.sim import SimMks, SimUnit
 from rs485bus.sim.rig import Rig
 from rs485bus.sim.treatment import PLAIN, Treatment
-from rs485bus.wire.frames import crc, read_holding, read_input, registers, write_single
+from rs485bus.wire.frames import Request, crc, read_holding, read_input, registers, write_single
 from rs485bus.wire.registers import Repeat
 from tests.bus.support import BANK, Scripted, outcomes
 
@@ -227,3 +229,25 @@ def test_a_window_grows_no_longer_than_five_seconds_and_not_for_a_reply_that_is_
     for _ in range(20):
         unit.answered_late(unit.late_reply_window + unit.reply_timeout)
     assert 3.9 < unit.late_reply_window <= 5.0
+
+
+def test_where_all_that_may_be_asked_is_owed_what_was_asked_instead_is_asked_again() -> None:
+    """Either of its answers will do. To wait for the end of a window would take most of a second."""
+    unit = UnitState(1, True, 0.1, 0.7)
+    unit.attach(MksDrive(1))
+    status, position, pulses = MksDrive(1).reads()
+
+    def missed(job: Job | None) -> Request | None:
+        if job is None:
+            return None
+        unit.late.unanswered(job, 0.8)
+        unit.is_questioned = False
+        return job.request
+
+    def asks(*somebody_waits_for: Request) -> Request | None:
+        return missed(question_for(unit, 0.0, lambda read: read in somebody_waits_for))
+
+    missed(Job(position))
+    assert asks(status) == pulses
+    assert asks() == status
+    assert asks(status) == pulses

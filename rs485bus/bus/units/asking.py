@@ -35,13 +35,17 @@ def question_for(unit: UnitState, now: float, is_in_the_way: Callable[[Request],
         return None  # one that is being stopped is asked anyway
     last, reads = unit.question, [read for read in _harmless(unit) if not is_in_the_way(read)]
     fresh = next((request for request in reads if not unit.late.must_wait(request)), None)
-    same = next((request for request in reads if last is not None and last.request.adu == request.adu), None)
-    if fresh is not None and (last is None or last.request.adu != fresh.adu):
+    if fresh is None:
+        asked = {owed.job.request.adu: owed.job for owed in unit.late if owed.job.backs_off}
+        same = (asked[read.adu] for read in reads if read.adu in asked)
+        job = next((job for job in same if not unit.late.must_wait(job.request, job)), None)
+        if job is None:
+            return None
+        unit.question = _again(job, now)
+    elif last is None or last.request.adu != fresh.adu:
         unit.question = _new(unit, fresh)
-    elif last is not None and same is not None and not unit.late.must_wait(same, last):
-        unit.question = _again(last, now)
     else:
-        return None
+        unit.question = _again(last, now)
     unit.is_questioned = True
     return unit.question
 

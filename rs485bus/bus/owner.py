@@ -134,8 +134,8 @@ class Owner:
             self._end(job, Outcome.NOT_SENT, reason)
             return
         # What confirms a stop waits for no set-point, which waits for the end of that stop. Other looks take turns.
-        look = urgency is CONFIRM and job.is_look
-        self.queue.put(job, first=job.goes_on or (look and self.units[job.address].halt is not None))
+        look = urgency is CONFIRM and job.is_look and self.units[job.address].halt is not None
+        self.queue.put(job, first=look or (job.on_turn is not None and job.goes_first))
         if job.expires_at is not None:
             job.timer = self.at(job.expires_at, lambda: self._expire(job))
         if pair.job is None:
@@ -313,8 +313,9 @@ class Owner:
                 _log.exception("what was to be called when the stops were out failed")
 
     def _send(self, job: Job, start: float) -> bytes:
-        self.send_at = start
-        self.sent = job
+        self.send_at, self.sent = start, job
+        if job.on_turn is not None:
+            job.on_turn()
         job.attempts += 1
         job.code = None
         job.sent_at = start

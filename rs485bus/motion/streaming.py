@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.failure import failure
@@ -19,7 +18,8 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.terms import Speeds, Terms
-from rs485bus.motion.turns import Turns
+from rs485bus.motion.told import Told
+from rs485bus.motion.turns import Haste, Turns
 from rs485bus.wire.frames import Request
 
 STEP = 0.04
@@ -36,23 +36,6 @@ _ENDS_WITHIN = 3.0
 _SILENCE = (Outcome.NO_REPLY, Outcome.UNKNOWN)
 _NO_MORE = (Reason.STOPPED, Reason.EMERGENCY, Reason.LATCHED, Reason.LOCKED, Reason.UNPLUGGED, Reason.CLOSED)
 """Why nothing can be told any more."""
-
-
-@dataclass(slots=True)
-class Told:
-    """What was told last."""
-
-    speeds: Speeds
-    at: float
-    """When."""
-    same_way_since: list[float]
-    """Since when each axis is told to turn the way in which it is to turn now, or to stand."""
-    sure: bool = True
-    """The drive has acknowledged it, by an answer that can be to nothing else."""
-    delay: float = 0.0
-    """How old the newest set-point was when the frame was sent that carries it, in seconds."""
-    count: int = 0
-    """Set-points that were told, or steps towards them."""
 
 
 class Streamer:
@@ -109,6 +92,9 @@ class Streamer:
         """The frames that tell them, but for the one that is on its way and those before it."""
         self._has_begun = False
         """The first of them was sent."""
+        self._is_renewed = False
+        """A newer set-point has had the frame sent once more that carries it."""
+        self._haste = Haste()
         self._is_unmistakable = True
         """No older answer can be taken for one to these frames."""
         self._missed = 0
@@ -132,7 +118,8 @@ class Streamer:
         self._bus.check_thread()
         fastest = max(map(abs, speeds))
         self._wanted = _scaled(speeds, min(1.0, self._terms.highest / fastest if fastest else 1.0))
-        self._wanted_at = self._bus.now()
+        now = self._bus.now()
+        self._haste.apart, self._wanted_at = now - self._wanted_at, now
         self._is_new, self._expired = True, False
         self._go_on()
 
@@ -192,7 +179,7 @@ class Streamer:
         step, told = self._step(target, now), self.told
         is_known = told.sure or now < self._again_at
         if self._job is not None:
-            self._renew(step)
+            self._job.yields_until = self._yields_until  # what it is to say is seen when its turn comes
         elif step == told.speeds and is_known:
             self._is_new = False
             self._wake_at(min(self._changes_at(now, step != target), _FOREVER if told.sure else self._again_at))
@@ -256,15 +243,20 @@ class Streamer:
         by_axis = dict(zip(self._axes, speeds, strict=True))
         return self._drive.setpoints(by_axis, self._terms.acceleration, afresh=afresh)
 
-    def _renew(self, speeds: Speeds) -> None:
-        """Have the frames that were not sent yet say the newest speeds, where that takes no more of them."""
-        job = self._job
+    def _renew(self) -> None:
+        """The turn of a frame has come: have it say the newest speeds, where that takes no more frames."""
+        job, now = self._job, self._bus.now()
         assert job is not None
-        if job.attempts or speeds == self._next:
+        if self._over or job.attempts or not (self._has_begun or self._is_newer):
+            return
+        speeds = self._step(self._target(now), now)
+        if speeds == self._next:
             return
         frames = self._frames(speeds, afresh=not self.told.sure and not self._has_begun)
-        if (len(frames) <= 1 + len(self._rest) or not self._has_begun) and job.replace(frames[0]):
+        fits = len(frames) <= 1 + len(self._rest) or not self._has_begun or self._carries_once_more()
+        if fits and job.replace(frames[0]):
             self._take(frames[1:], speeds)
+            self._heed_late(frames[0])
 
     def _tell(self, speeds: Speeds, now: float) -> None:
         told = self.told
@@ -274,18 +266,30 @@ class Streamer:
             self._heard = speeds
             self._wake_at(now + STEP)
             return
-        self._is_unmistakable, self._has_begun = True, False
+        self._is_unmistakable, self._has_begun, self._is_renewed = True, False, False
         self._take(self._frames(speeds, afresh=not told.sure), speeds)
-        self._submit(self._turns.urgency(self._bus))
+        self._submit(self._turns.urgency(self._bus, len(self._rest)))
 
-    def _tell_rest(self) -> None:
-        """The first of some frames was answered: send the next one, with the newest speeds where it is for that."""
-        now = self._bus.now()
-        speeds = self._step(self._target(now), now)
-        frames = self._frames(speeds)
-        if len(frames) <= len(self._rest):
-            self._take(frames, speeds)
-        self._submit(Urgency.CONFIRM)
+    def _carries_once_more(self) -> bool:
+        """Whether the frame that carries the speed goes once more, with a newer set-point, before the drive is told to
+        turn to it. It does so once."""
+        late = self._haste.is_late(self._wanted_at, self._bus.now())
+        once = self._is_newer and not self._is_renewed and late
+        self._is_renewed = self._is_renewed or once
+        return once
+
+    @property
+    def _is_newer(self) -> bool:
+        """Whether a set-point has come since the frames were made that tell one now."""
+        return self._is_new and self._wanted_at > self._next_at
+
+    @property
+    def _yields_until(self) -> float:
+        """Until when the next frame lets others go first whose turn it is. None comes between the first frame of a
+        set-point and the one that carries it."""
+        if not self._rest:
+            return _FOREVER
+        return NEVER if self._has_begun or not self._is_new else self._haste.yields_until(self._wanted_at)
 
     def _take(self, frames: Sequence[Request], speeds: Speeds) -> None:
         """These are to be sent."""
@@ -294,26 +298,34 @@ class Streamer:
 
     def _submit(self, urgency: Urgency) -> None:
         request = self._rest.popleft()
-        self._is_unmistakable = self._is_unmistakable and not self._unit.late.must_wait(request)
+        self._heed_late(request)
         self._job = Job(
             request,
             urgency=urgency,
             retries=0,
             setpoint=self._missed < _MISSED,
             goes_on=self._has_begun,
+            yields_until=self._yields_until,
             moves=True,
             motion=self._motion,
             ignores_late_replies=True,
+            on_turn=self._renew,
             on_end=self._answered,
         )
         self._job.epoch = self._epoch  # whatever stops the axes ends the stream: nothing of it follows
         self._bus.submit(self._job)
+
+    def _heed_late(self, request: Request) -> None:
+        """See whether an older answer can be taken for that to a frame."""
+        self._is_unmistakable = self._is_unmistakable and not self._unit.late.must_wait(request)
 
     def _answered(self, job: Job) -> None:
         self._job = None
         if self._over:
             return
         if job.attempts:
+            if not self._has_begun:
+                self._haste.takes = job.ended_at - job.sent_at + self._bus.owner.pair.silence
             self._turns.last, self._has_begun = job, True
             self._carried_at = job.sent_at if self._carried_at == NEVER else self._carried_at
             if job.outcome in _SILENCE:
@@ -334,7 +346,7 @@ class Streamer:
         elif not job.attempts:
             self.hold(_AGAIN)
         elif job.outcome is Outcome.REPLY and self._rest:
-            self._tell_rest()
+            self._submit(Urgency.CONFIRM)
         else:
             answered = job.outcome is Outcome.REPLY or stood
             self.told.sure = answered and self._is_unmistakable

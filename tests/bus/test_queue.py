@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.schedule.queue import GONE, READY, Queue
-from rs485bus.wire.frames import read_holding
+from rs485bus.wire.frames import read_holding, write_single
 
 urgencies = st.sampled_from(list(Urgency))
 
@@ -156,3 +156,58 @@ def test_what_waits_for_one_address_is_found_the_most_urgent_first() -> None:
     assert queue.take_of(1, admit) is poll
     assert queue.take_of(1, admit) is None
     assert queue.size == 3
+
+
+def set_point(address: int = 1, yields_until: float = float("inf"), *, goes_on: bool = False) -> Job:
+    return Job(write_single(address, 0, 1), urgency=Urgency.CONFIRM, yields_until=yields_until, goes_on=goes_on)
+
+
+def test_a_question_has_its_turn_after_three_set_points_unless_the_next_one_has_waited_for_too_long() -> None:
+    for yields_until, goes_first in ((6.0, False), (4.0, True)):
+        queue = Queue()
+        question, newest = job(2), set_point(yields_until=yields_until)
+        queue.put(question)
+        for _ in range(3):
+            queue.put(set_point())
+            queue.take_soon(lambda _: READY, 5.0)
+        queue.put(newest)
+        assert (queue.take_soon(lambda _: READY, 5.0)[0] is newest) is goes_first
+        queue.put(set_point(yields_until=6.0))
+        second = queue.take_soon(lambda _: READY, 5.0)[0]
+        assert not goes_first or second is question  # put off, not dropped
+
+
+def test_the_last_frame_of_a_set_point_puts_off_a_question_only_until_five_have_gone() -> None:
+    queue = Queue()
+    question = job(2)
+    queue.put(question)
+    taken = []
+    for _ in range(8):
+        queue.put(set_point(goes_on=True))
+        taken.append(queue.take_soon(lambda _: READY, 5.0)[0])
+    assert taken.index(question) == 5
+
+
+def test_a_look_has_its_turn_though_set_points_to_its_drive_always_go_first() -> None:
+    queue = Queue()
+    look = Job(read_holding(1, 0, 1), urgency=Urgency.CONFIRM)
+    queue.put(look)
+    taken = []
+    for _ in range(4):
+        queue.put(set_point(yields_until=6.0), first=True)
+        taken.append(queue.take_soon(lambda _: READY, 5.0)[0])
+    assert taken[3] is look
+
+
+def test_looks_behind_set_points_and_questions_of_others_take_turns() -> None:
+    queue = Queue()
+    taken = []
+    for _ in range(16):
+        if not queue.has(Urgency.COMMAND):
+            queue.put(job(2))
+        if not any(waiting.is_look for waiting in queue.of(1)):
+            queue.put(Job(read_holding(1, 0, 1), urgency=Urgency.CONFIRM))
+        queue.put(set_point(yields_until=6.0), first=True)
+        taken.append(queue.take_soon(lambda _: READY, 5.0)[0])
+    others = [each for each in taken if each is not None and not each.request.writes]
+    assert [each.is_look for each in others] == [True, False, True, False]

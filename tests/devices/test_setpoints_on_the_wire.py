@@ -126,6 +126,30 @@ async def test_the_newest_set_point_goes_into_the_frame_that_carries_it() -> Non
 
 
 @virtual
+async def test_a_newer_set_point_goes_before_the_trigger_of_one_that_is_on_the_wire() -> None:
+    """Behind that trigger it would have to wait for two frames more."""
+    async with rig(one_tlr) as on, on.axis.stream(timeout=30.0, acceleration=ACCELERATION) as setpoint:
+        setpoint(200)
+        await asyncio.sleep(0.5)
+        seen: list[Record] = []
+        on.axis.bus.subscribe(seen.append)
+        receive, newer = on.sim.receive, [190.0]
+
+        def heard(frame: bytes, at: float) -> bytes | None:
+            if writes_to(0x30)(frame) and newer:
+                setpoint(newer.pop())  # before the drive has answered
+            return receive(frame, at)  # type: ignore[no-any-return]
+
+        on.sim.receive = heard
+        setpoint(180)
+        await asyncio.sleep(0.05)
+        writes = [record.request for record in seen if record.request[1] in _WRITES]
+        assert [frame[2:4].hex() for frame in writes] == ["004e", "0030", "0030", "004e"]
+        assert [int.from_bytes(frame[7:9], "big") for frame in writes[1:3]] == [180, 190]
+        assert on.rpm == pytest.approx(190, abs=3)
+
+
+@virtual
 async def test_a_drive_that_takes_no_blocks_is_streamed_by_single_writes() -> None:
     sim = SimTlr(1, machine=TlrMachine(origin=None))
     async with open_bus(VirtualLine(sim)) as bus:

@@ -13,6 +13,7 @@ from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.frames import BROADCAST, Request
 from rs485bus.wire.registers import Repeat
 
+_FOREVER = float("inf")
 NOT_WEIGHED = -1
 """Of a job that waits for late replies."""
 
@@ -111,10 +112,12 @@ class Job:
             usually takes, though it is not repeated, and no queue is too full for it.
         weighs: it is a read that is asked again and again, without waiting for late replies that look like its own,
             until its answer has come more often than those can. Only where replies may overtake each other.
-        goes_on: it goes on with what was begun, before others of its urgency to its device.
+        goes_on: it goes on with what was begun, before others of its urgency.
+        yields_until: from when on it goes before those whose turn it is, as what has waited for too long.
         backs_off: it is repeated less and less often: the device may be busy, and nobody waits for the answer itself.
         slot: its place among frames that go out as one, whatever its urgency; None for a frame of its own.
         verify: how to see whether it was carried out, where it may be sent again once that shows that it was not.
+        on_turn: called when its turn to be sent has come: it may be replaced by something newer then.
         on_end: called once with the job when it has ended.
     """
 
@@ -141,6 +144,7 @@ class Job:
         "moves",
         "not_before",
         "on_end",
+        "on_turn",
         "outcome",
         "patient_until",
         "pause",
@@ -161,6 +165,7 @@ class Job:
         "urgency",
         "verify",
         "weighed",
+        "yields_until",
     )
 
     def __init__(
@@ -180,9 +185,11 @@ class Job:
         setpoint: bool = False,
         weighs: bool = False,
         goes_on: bool = False,
+        yields_until: float = _FOREVER,
         backs_off: bool = False,
         slot: BurstSlot | None = None,
         verify: Verification | None = None,
+        on_turn: Callable[[], None] | None = None,
         on_end: Callable[[Job], None] | None = None,
     ) -> None:
         self.request = request
@@ -208,12 +215,14 @@ class Job:
         self.weighed = 0 if weighs else NOT_WEIGHED
         """Attempts whose answer did not decide."""
         self.goes_on = goes_on
+        self.yields_until = yields_until
         self.backs_off = backs_off
         self.slot = slot
         self.verify = verify
         self.read_back: Job | None = None
         """The read-back that is waited for, while the write itself waits for its outcome."""
         self.read_backs = 0
+        self.on_turn = on_turn
         self.on_end = on_end
         self.timer: Timer | None = None
         """What ends it when its time is over."""
@@ -251,6 +260,11 @@ class Job:
             return False
         self.request = request
         return True
+
+    @property
+    def goes_first(self) -> bool:
+        """Whether it goes before others of its urgency to its device."""
+        return self.goes_on or (self.urgency is CONFIRM and self.yields_until < _FOREVER)
 
     @property
     def is_look(self) -> bool:

@@ -20,6 +20,8 @@ GONE = -1.0
 _FOREVER = float("inf")
 _PATIENCE = 3
 """Commands after which a poll that waited all the while has its turn; looks after which commands and polls have one."""
+_PUT_OFF = 2 * _PATIENCE - 1
+"""Looks and set-points after which the last frame of a set-point puts off the turn of the rest no longer."""
 _SOON = (Urgency.FEED, Urgency.CONFIRM)
 _REST = (Urgency.COMMAND, Urgency.POLL)
 _POLLS_FIRST = (Urgency.POLL, Urgency.COMMAND)
@@ -31,7 +33,7 @@ Admission = Callable[[Job], float]
 class Queue:
     """Jobs that wait for the wire."""
 
-    __slots__ = ("_lanes", "_looks", "_passed", "_polls", "_soon", "size", "stops")
+    __slots__ = ("_lanes", "_look_next", "_looks", "_passed", "_polls", "_soon", "size", "stops")
 
     def __init__(self) -> None:
         # Lines are ordered dicts keyed by the job itself: O(1) to append, to take the first and to leave anywhere.
@@ -44,6 +46,8 @@ class Queue:
         """How many commands in a row have gone before a poll that waited."""
         self._looks = 0
         """How many looks and set-points in a row have gone before commands and polls that waited."""
+        self._look_next = True
+        """The next turn of those that were passed is that of a look."""
         self.size = 0
 
     def put(self, job: Job, *, first: bool = False) -> None:
@@ -55,6 +59,8 @@ class Queue:
         line[job] = None
         if first:
             line.move_to_end(job, last=False)
+        if job.goes_on:
+            lane.move_to_end(job.address, last=False)
         self.size += 1
 
     def hurry(self, job: Job) -> None:
@@ -103,29 +109,51 @@ class Queue:
                     return job, 0.0
         return None, again
 
-    def take_soon(self, admit: Admission) -> tuple[Job | None, float]:
+    def take_soon(self, admit: Admission, now: float) -> tuple[Job | None, float]:
         """As `take`, for feeds, and for looks and set-points.
 
         Where drives are slow these would fill the wire, and nothing else would ever end: after some of them the rest
-        has a turn.
+        has a turn, unless a set-point that goes next is in a hurry.
         """
         feeds, looks = self._soon
         if not (feeds or looks):
             self._looks = 0
             return None, _FOREVER
-        if self._looks >= _PATIENCE:
-            self._looks = 0
+        if self._looks >= _PATIENCE and not self._goes_on(now):
+            self._looks = min(self._looks, _PUT_OFF) - _PATIENCE
             job, _ = self.take(admit, (FEED,))
             if job is None:
-                job, _ = self.take_rest(admit)
+                job = self._take_passed(admit)
             if job is not None:
                 return job, 0.0
         job, again = self.take(admit, _SOON)
-        if job is not None and job.urgency is CONFIRM and (self.has(COMMAND) or self.has(POLL)):
+        if job is None or job.urgency is not CONFIRM:
+            self._looks = 0
+        elif self.has(COMMAND) or self.has(POLL) or (job.goes_first and self._look(job.address)):
             self._looks += 1
         else:
             self._looks = 0
         return job, again
+
+    def _goes_on(self, now: float) -> bool:
+        """Whether a set-point that goes next puts off the turn of the rest."""
+        job = next((next(iter(line)) for line in self._lanes[CONFIRM].values()), None)
+        return job is not None and (job.yields_until <= now or (job.goes_on and self._looks < _PUT_OFF))
+
+    def _take_passed(self, admit: Admission) -> Job | None:
+        """What was passed by looks and set-points: by turns, a look that set-points to its drive go before, and one of
+        the rest."""
+        looks = self._lanes[CONFIRM].items() if self._look_next else ()
+        look = next((self._look(address) for address, line in looks if next(iter(line)).goes_first), None)
+        self._look_next = not self._look_next
+        if look is not None and admit(look) == READY:
+            self.remove(look)
+            return look
+        return self.take_rest(admit)[0]
+
+    def _look(self, address: int) -> Job | None:
+        """A look at a drive that waits, perhaps behind set-points to it."""
+        return next((job for job in self._lanes[CONFIRM].get(address, ()) if job.is_look), None)
 
     def take_rest(self, admit: Admission) -> tuple[Job | None, float]:
         """As `take`, for commands and polls.

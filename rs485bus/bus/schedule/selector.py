@@ -155,7 +155,7 @@ class Selector:
             other = self._take_its_turn() if self._feeding.strain.yields else None
             return self._feed(watch, wake) if other is None else (other, wake)
         wake = min(wake, feeding.look_at)
-        job, again = self._queue.take_soon(self._admit)
+        job, again = self._queue.take_soon(self._admit, self._clock.now)
         if job is not None or kept:
             return job, min(wake, again)
         # Looking for lost units is rationed; what is due of it is not put off by traffic.
@@ -211,7 +211,7 @@ class Selector:
         """What else goes before a feed, if there is anything, and time for it."""
         if not self._queue.size:
             return None
-        job, _ = self._queue.take_soon(self._admit)
+        job, _ = self._queue.take_soon(self._admit, self._clock.now)
         if job is None:
             job, _ = self._queue.take_rest(self._admit)
         if job is None:

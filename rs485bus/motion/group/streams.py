@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping
+import functools
+from collections.abc import Iterable, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Protocol, runtime_checkable
 
 from rs485bus.bus.async_block import AsyncBlock
+from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, MoveCancelled
 from rs485bus.motion.setpoints import Setpoint, SetpointStream
@@ -20,6 +22,7 @@ class StreamAxis(Protocol):
     """An axis that can be told a stream of speeds."""
 
     name: str
+    bus: Bus
 
     def stream(self, *, timeout: float = ..., acceleration: float | None = ...) -> SetpointStream:
         """Turn at speeds that are told as they come."""
@@ -38,16 +41,21 @@ class GroupSetpoint:
     def __init__(self, parts: Mapping[str, Setpoint]) -> None:
         self._parts = parts
         self.error: Exception | None = None
-        """What has ended it."""
+        """What has ended it. It is told as soon as the stops of all axes are on the wire."""
+        self._is_broken = False
+        """One axis has failed: the stops of the others are on their way."""
+        self._told = asyncio.Event()
 
     def __call__(self, **rpm: float) -> None:
         """Have the axes that are named turn at these speeds from now on. Those that are not named keep theirs, until
         they are too old.
 
+        Nothing is told while one has failed and the stops of the others are on their way to the wire.
+
         Raises:
             TypeError: there is no axis of that name, or it is no number.
             LimitExceeded: it is no speed. Nothing is told then.
-            MotionError, RequestFailed: what has ended the stream.
+            MotionError, RequestFailed: what has ended the stream: all axes stand, or their stops are on the wire.
         """
         unknown = [name for name in rpm if name not in self._parts]
         if unknown or not rpm:
@@ -57,12 +65,37 @@ class GroupSetpoint:
         for name, speed in rpm.items():
             self._parts[name].check(speed)
         for name, speed in rpm.items():
-            self._parts[name](speed)
+            if not self._is_broken:
+                self._parts[name](speed)
 
     async def reached(self) -> None:
         """Wait until all speeds that are wanted were told, to the end of their ramps. Raises what has ended it."""
-        for part in self._parts.values():
-            await part.reached()
+        try:
+            for part in self._parts.values():
+                await part.reached()
+        except BusError:
+            await self._check()
+            raise
+
+    def _break_off(self, error: Exception, axes: Iterable[StreamAxis]) -> None:
+        """One axis has failed, and the others were told to stop: that is told when their stops are on the wire."""
+        waited_for = {axis.bus for axis in axes}
+
+        def out(bus: Bus) -> None:
+            waited_for.discard(bus)
+            if not waited_for:
+                self.error = error
+                self._told.set()
+
+        for bus in tuple(waited_for):
+            bus.after_stops(functools.partial(out, bus))
+
+    async def _check(self) -> None:
+        """Raise what has ended it, as soon as that is told."""
+        if self._is_broken:
+            await self._told.wait()
+        if self.error is not None:
+            raise self.error
 
     @property
     def sent(self) -> dict[str, float]:
@@ -145,18 +178,23 @@ class GroupStream(AsyncBlock):
                 with contextlib.suppress(BusError):  # it is stopped all the same when its own block is left
                     axis.stop()
         try:
-            return await self._stack.__aexit__(kind, error, trace)
-        finally:
-            if setpoint.error is not None and error is None:
-                raise setpoint.error
+            swallowed = await self._stack.__aexit__(kind, error, trace)
+        except BusError:
+            if error is None:
+                await setpoint._check()
+            raise
+        if error is None:
+            await setpoint._check()
+        return swallowed
 
     def _ended(self, error: Exception | None) -> None:
         """The stream of one axis has ended: where that was not meant, the others are stopped."""
         setpoint = self._setpoint
-        if error is None or isinstance(error, MoveCancelled) or setpoint is None or setpoint.error is not None:
+        if error is None or isinstance(error, MoveCancelled) or setpoint is None or setpoint._is_broken:
             return
-        setpoint.error = error
+        setpoint._is_broken = True
         for axis, stream in zip(self._axes.values(), self._streams.values(), strict=True):
             if not stream.over:
                 with contextlib.suppress(BusError):  # one that cannot be stopped must not keep the others from it
                     axis.stop()
+        setpoint._break_off(error, self._axes.values())

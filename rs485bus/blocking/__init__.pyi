@@ -878,10 +878,12 @@ class GroupSetpoint:
         """Have the axes that are named turn at these speeds from now on. Those that are not named keep theirs, until
         they are too old.
 
+        Nothing is told while one has failed and the stops of the others are on their way to the wire.
+
         Raises:
             TypeError: there is no axis of that name, or it is no number.
             LimitExceeded: it is no speed. Nothing is told then.
-            MotionError, RequestFailed: what has ended the stream.
+            MotionError, RequestFailed: what has ended the stream: all axes stand, or their stops are on the wire.
         """
         ...
     @property

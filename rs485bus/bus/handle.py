@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Generator, Iterable
+from contextvars import Context, ContextVar, copy_context
 from typing import Any, Generic, TypeVar
 
 import anyio
@@ -17,6 +18,15 @@ from rs485bus.errors import LoopNotRunning, MotionError
 T = TypeVar("T")
 
 _log = logging.getLogger("rs485bus")
+_blocks: ContextVar[tuple[Handle[Any], ...]] = ContextVar("blocks", default=())
+"""What goes on until a block is left in which the present task is, or was begun."""
+
+
+def outside_of_blocks() -> Context:
+    """A context for a task that is no part of the block in which it is begun."""
+    context = copy_context()
+    context.run(_blocks.set, ())
+    return context
 
 
 class Handle(Generic[T]):
@@ -106,13 +116,20 @@ class Handle(Generic[T]):
     def __await__(self) -> Generator[Any, None, T]:
         return self.wait().__await__()
 
+    def _keep_open(self) -> None:
+        """It goes on until the present task leaves its block. Tasks that are begun in the block must not wait for it,
+        either: as a rule, the block waits for them."""
+        self._kept_open_by = asyncio.current_task()
+        _blocks.set((*(each for each in _blocks.get() if not each.done()), self))
+
     def _check_wait(self) -> None:
-        """Raise `MotionError` where the present task would wait for itself."""
+        """Raise `MotionError` where the present task would wait for itself, or for the block in which it was begun."""
         me, seen, found = asyncio.current_task(), {self}, [self]
         while found:
             one = found.pop()
             for before in (one, *one._ahead()):
-                if before._kept_open_by is me:
+                keeper = before._kept_open_by
+                if keeper is not None and (keeper is me or before in _blocks.get()):
                     raise MotionError(
                         f"{self.what} begins after {before.what}, and is awaited in the block of that: leave the block "
                         "first."

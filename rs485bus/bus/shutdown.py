@@ -8,7 +8,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.handle import outlast, settle
+from rs485bus.bus.handle import outlast, outside_of_blocks, settle
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.port import Port
 from rs485bus.bus.recording import Recording
@@ -55,7 +55,7 @@ class Shutdown:
 
     def spawn(self, coroutine: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
         """A task that ends with the bus, outside of any task group."""
-        task = self._loop.create_task(coroutine, name=name)
+        task = self._loop.create_task(coroutine, name=name, context=outside_of_blocks())
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task

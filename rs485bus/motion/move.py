@@ -135,6 +135,8 @@ class Move(Cancellable[float]):
 
 async def positions_until(handle: Handle[T], ask: Callable[[], Awaitable[T]], every: float) -> AsyncIterator[T]:
     """What somebody says who is asked every so many seconds until a command has ended; last, what came of it."""
+    if not handle.done():
+        handle._check_wait()
     now = asyncio.get_running_loop().time
     pace = Pace(every, now())
     while not handle.done():

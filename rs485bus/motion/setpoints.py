@@ -241,7 +241,7 @@ async def begin_block(moves: Iterable[Move], started: asyncio.Event, end: Callab
             move.cancel()
         raise
     for move in moves:
-        move._kept_open_by = asyncio.current_task()
+        move._keep_open()
 
 
 async def _at_once() -> None:

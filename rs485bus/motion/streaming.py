@@ -24,6 +24,8 @@ from rs485bus.wire.frames import Request
 
 STEP = 0.04
 """Seconds between two steps of a ramp."""
+_AT_ONCE = 1.25 * STEP
+"""Seconds of a ramp, at the most, that are told at once: a drive may jump."""
 _GENTLER = 0.9
 """The part of the acceleration that a drive has at least, which is told the next gentler one."""
 _AGAIN = 0.05
@@ -61,7 +63,7 @@ class Streamer:
     ) -> None:
         self.told = Told(speeds, bus.now() - STEP, [NEVER] * len(axes))
         self._ends_by = _FOREVER
-        """When they should stand for good, though frames are lost; infinity while they go on."""
+        """When they should stand for good, though frames are lost."""
         self.refused = ""
         """Why the drive refuses what it is told."""
         self._bus = bus
@@ -90,10 +92,8 @@ class Streamer:
         """When the frame was sent that carries them; never while it was not."""
         self._rest: deque[Request] = deque()
         """The frames that tell them, but for the one that is on its way and those before it."""
-        self._has_begun = False
-        """The first of them was sent."""
-        self._is_renewed = False
-        """A newer set-point has had the frame sent once more that carries it."""
+        self._has_begun = self._is_renewed = False
+        """The first of them was sent; the one that carries the speed goes once more, with a newer set-point."""
         self._haste = Haste()
         self._is_unmistakable = True
         """No older answer can be taken for one to these frames."""
@@ -224,7 +224,7 @@ class Streamer:
         if not self._drive.turns_through_zero:
             # It comes to a stand first.
             target = tuple(0.0 if is_ * wanted < 0 else wanted for is_, wanted in zip(told, target, strict=True))
-        step = self._towards(target, told, min(max(now - self.told.at, 0.0), 2 * STEP))
+        step = self._towards(target, told, min(max(now - self.told.at, 0.0), _AT_ONCE))
         # Of steps that it may not have heard it makes one, in the time that is for two.
         return self._towards(step, self._heard, 2 * STEP) if self._drive.spreads_changes else step
 
@@ -273,8 +273,7 @@ class Streamer:
     def _carries_once_more(self) -> bool:
         """Whether the frame that carries the speed goes once more, with a newer set-point, before the drive is told to
         turn to it. It does so once."""
-        late = self._haste.is_late(self._wanted_at, self._bus.now())
-        once = self._is_newer and not self._is_renewed and late
+        once = self._is_newer and not self._is_renewed and self._haste.is_late(self._wanted_at, self._bus.now())
         self._is_renewed = self._is_renewed or once
         return once
 

@@ -317,8 +317,7 @@ class Owner:
         if job.on_turn is not None:
             job.on_turn()
         job.attempts += 1
-        job.code = None
-        job.sent_at = start
+        job.code, job.sent_at = None, start
         if job.moves and job.motion is not None and job.request.writes:
             job.motion.commanded(start)
         units, pair, request = self.units, self.pair, job.request

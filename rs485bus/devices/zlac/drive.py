@@ -152,7 +152,12 @@ class ZlacDrive(Drive):
         )
 
     def what_else(self, axis: int) -> str:
-        return "It is enabled and reports no error. Something may hold it."
+        if self.options.ramp_rpm is not None:
+            return "It is enabled and reports no error. Something may hold it."
+        return (
+            "It is enabled and reports no error. Something may hold it; or its ramps are steeper than it was told, "
+            "where its ramp times are for the whole range of speeds: then make it with ramp_rpm=1000."
+        )
 
     @property
     def enabled(self) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import pytest
 
 from rs485bus import BusConfig, Zlac8015d, open_bus
+from rs485bus.errors import MoveFailed
 from rs485bus.sim import SimZlac, VirtualLine
 from tests.integration.support import virtual
 
@@ -153,3 +154,13 @@ async def test_a_run_too_short_to_turn_round_slows_down_from_the_speed_that_it_h
         await base.left.run(120)
         await base.left.run(-120, duration=0.5)  # it comes down to 60 rpm in that time
         assert not sim.left.motor.moving(asyncio.get_running_loop().time())
+
+
+@virtual
+async def test_where_ramps_are_steeper_than_was_told_what_to_do_is_said() -> None:
+    sim = SimZlac(1, watchdog=0, ramp_rpm=1000.0)
+    async with open_bus(VirtualLine(sim)) as bus:
+        base = Zlac8015d(bus, 1)
+        await base.enable()
+        with pytest.raises(MoveFailed, match=r"whole range of speeds: then make it with ramp_rpm=1000\."):
+            await base.left.run(40, duration=1.0)

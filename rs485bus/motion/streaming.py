@@ -25,7 +25,7 @@ from rs485bus.wire.frames import Request
 STEP = 0.04
 """Seconds between two steps of a ramp."""
 _AT_ONCE = 1.25 * STEP
-"""Seconds of a ramp, at the most, that are told at once: a drive may jump."""
+"""Seconds of a ramp, at the most, that are told at once, where the line is not slower: a drive may jump."""
 _GENTLER = 0.9
 """The part of the acceleration that a drive has at least, which is told the next gentler one."""
 _AGAIN = 0.05
@@ -102,8 +102,7 @@ class Streamer:
         self._not_before = NEVER
         self._again_at = NEVER
         """When the drive is told once more what it may not have heard, if there is nothing newer."""
-        self._wakes_at = _FOREVER
-        self._over = False
+        self._wakes_at, self._over = _FOREVER, False
         for state in self._states:
             state.ramp_stop = self._frames(self._zero)[-1]
         self._go_on()
@@ -169,10 +168,9 @@ class Streamer:
 
     def _go_on(self) -> None:
         """Tell the next step, if there is one."""
-        now = self._bus.now()
         if self._over:
             return
-        if now < self._not_before:
+        if (now := self._bus.now()) < self._not_before:
             self._wake_at(self._not_before)  # it may have been woken for something else
             return
         target = self._target(now)
@@ -214,7 +212,7 @@ class Streamer:
         gone = speed * age + (ramp * age * age / 2 if math.isfinite(ramp) else 0.0)  # it may have been faster then
         room = max(0.0, 60 * ahead / self._drive.ability(self._axes[at]).counts_per_turn - gone)
         # What it goes until it can be told otherwise, and what it needs to stand, are to fit.
-        blind = 2 * self._unit.reply_timeout + STEP
+        blind = 2 * self._unit.reply_timeout + max(STEP, 2 * self._haste.every)
         allowed = ramp * (math.sqrt(blind * blind + 2 * room / ramp) - blind) if math.isfinite(ramp) else room / blind
         return min(1.0, allowed / abs(wanted))
 
@@ -224,9 +222,11 @@ class Streamer:
         if not self._drive.turns_through_zero:
             # It comes to a stand first.
             target = tuple(0.0 if is_ * wanted < 0 else wanted for is_, wanted in zip(told, target, strict=True))
-        step = self._towards(target, told, min(max(now - self.told.at, 0.0), _AT_ONCE))
+        step = self._towards(target, told, min(max(now - self.told.at, 0.0), max(_AT_ONCE, self._haste.every)))
+        if not self._drive.spreads_changes:
+            return step
         # Of steps that it may not have heard it makes one, in the time that is for two.
-        return self._towards(step, self._heard, 2 * STEP) if self._drive.spreads_changes else step
+        return self._towards(step, self._heard, max(2 * STEP, self._haste.every))
 
     def _towards(self, target: Speeds, since: Speeds, time: float) -> Speeds:
         """The speeds to which those from `since` on can be changed in a time."""
@@ -268,7 +268,8 @@ class Streamer:
             return
         self._is_unmistakable, self._has_begun, self._is_renewed = True, False, False
         self._take(self._frames(speeds, afresh=not told.sure), speeds)
-        self._submit(self._turns.urgency(self._bus, len(self._rest)))
+        self._haste.frames = frames = len(self._rest)
+        self._submit(self._turns.urgency(self._bus, frames))
 
     def _carries_once_more(self) -> bool:
         """Whether the frame that carries the speed goes once more, with a newer set-point, before the drive is told to
@@ -323,7 +324,7 @@ class Streamer:
         if self._over:
             return
         if job.attempts:
-            if not self._has_begun:
+            if not self._has_begun and job.outcome is Outcome.REPLY:
                 self._haste.takes = job.ended_at - job.sent_at + self._bus.owner.pair.silence
             self._turns.last, self._has_begun = job, True
             self._carried_at = job.sent_at if self._carried_at == NEVER else self._carried_at

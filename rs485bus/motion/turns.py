@@ -16,8 +16,15 @@ class Haste:
     def __init__(self) -> None:
         self.takes = 0.0
         """Seconds that the first of some frames took last, with its answer, and the silence after it."""
+        self.frames = 1
+        """Frames that a set-point takes."""
         self.apart = 0.0
         """Seconds between the last two set-points."""
+
+    @property
+    def every(self) -> float:
+        """Seconds from one set-point to the next on a wire that is full, with a look between them."""
+        return (self.frames + 1) * self.takes
 
     def is_late(self, wanted_at: float, now: float) -> bool:
         """Whether one would be too old after two other frames, unless a newer one should have come until then."""

@@ -245,6 +245,7 @@ class Attempts:
                 if job.attempts == 1 and self._clock.now < owed_until and not job.backs_off:
                     job.patient_until = job.sent_at + self._repeating.retries_of(job) * (owed_until - job.sent_at)
                 unit.reply_times.missed(job)
+                self._pair.host.missed()
                 self._gate.silent[unit] = owed_until
             if job.sent_at >= unit.misses_count_from:
                 unit.misses_count_from = owed_until

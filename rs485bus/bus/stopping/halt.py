@@ -15,11 +15,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar, Union
+from typing import Any, NamedTuple, TypeVar, Union
 
-from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.stopping.pace import Pacing
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.wire.frames import Request
@@ -61,64 +61,18 @@ class Halted:
     """How many stop frames were sent."""
 
 
+class _Listener(NamedTuple):
+    """Who is told how a halt ends."""
+
+    tell: Callable[[Halted], None]
+    asked_at: float
+    stops: int
+    """How many stops had been sent by then."""
+
+
 def unconfirmed(devices: Iterable[DeviceAdapter]) -> list[Halted]:
     """How those devices ended up that may move still, when they are waited for no longer."""
     return [Halted(device.address, device.family, False, 0) for device in devices if device.motion.may_move]
-
-
-class Pacing(Protocol):
-    """How often a device is stopped, and for how long an answer is waited for."""
-
-    late: PendingReplies
-
-    def reply_timeout(self, since: float, reported: bool) -> float | None:
-        """Seconds for which an answer is waited for; None for as long as usual.
-
-        Args:
-            since: when it was told to stop.
-            reported: it was said that it could not be seen standing.
-        """
-
-    @property
-    def heard_at(self) -> float:
-        """When it was heard last."""
-
-    def is_noisy(self, now: float) -> bool:
-        """Whether the pair is: what is not acknowledged there was not heard, and every gap counts."""
-
-    def was_noisy_since(self, at: float) -> bool:
-        """Whether noise was in the way of a frame that was sent at a time, or came after it."""
-
-    def is_cut_short(self, now: float, since: float) -> bool:
-        """Whether an answer may come later than it is waited for, or not be heard for noise.
-
-        Three stops prove nothing then.
-        """
-
-    def is_crowded(self, now: float) -> bool:
-        """Whether so many devices are being stopped, or others can hardly be fed, that a status must do where a stop
-        was acknowledged."""
-
-    @property
-    def gives_up_after(self) -> float:
-        """Seconds for which it is stopped then before it is said that this was in vain."""
-
-    @property
-    def looks_wait(self) -> float:
-        """Seconds for which a look may wait for the stops of others before that is said."""
-
-    def at_the_latest(self, sent_at: float) -> float:
-        """When it is stopped again, after it was said that it could not be seen standing, though it acknowledged the
-        last stop: infinity if there is no need to."""
-
-    def next_at(self, now: float, sent_at: float, acknowledged: bool) -> float:
-        """When it is stopped again, after it was said that it could not be seen standing.
-
-        Args:
-            now: the time.
-            sent_at: when the last stop was sent.
-            acknowledged: it acknowledged that, and moves on.
-        """
 
 
 class Halt:
@@ -174,14 +128,14 @@ class Halt:
         """Decides from all that was asked since the first stop: nothing sets it in motion between two orders."""
         self._looks: dict[Request, Job] = {}
         """What was asked and not answered. A look that is sent again is the same job: either reply to it will do."""
-        self._listeners: list[Callable[[Halted], None]] = []
+        self._listeners: list[_Listener] = []
 
     def listen(self, listener: Callable[[Halted], None]) -> None:
         """Be told once how the latest order ended: that it stands, or that three stops were not confirmed."""
         if self.told is not None:
             listener(self.told)
         else:
-            self._listeners.append(listener)
+            self._listeners.append(_Listener(listener, self._ordered_at, self.stops))
 
     def again(self, motion: Motion, emergency: bool, now: float) -> tuple[Request, ...]:
         """It was told to stop once more. Returns the frames to send at once."""
@@ -226,10 +180,12 @@ class Halt:
                 self._tell(standing=True)
                 return True
             if order != self._orders:
+                self._tell_who_waited(pacing)
                 continue
             self._hardened = self._hardened or self._acknowledged or self._unacknowledged >= _UNACKNOWLEDGED
             if tries >= STOPS or (cut_short and self._now >= self._ordered_at + pacing.gives_up_after):
                 self.give_up()
+            self._tell_who_waited(pacing)
             if self.told is not None:
                 until = pacing.next_at(self._now, self._sent_at, self._acknowledged)
                 others = self._now + self._took  # have their turns, too, however often it is heard again
@@ -386,11 +342,26 @@ class Halt:
         enough = self._said_over_noise or pacing.is_crowded(self._now)
         return self._acknowledged and enough and self._said_so_at >= said_so_at
 
+    def _tell_who_waited(self, pacing: Pacing) -> None:
+        """Tell those that it was not seen standing who have waited for long: a newer order is not to keep them."""
+        asked_by = self._now - max(pacing.gives_up_after, STOPS * self._patience)
+        stops = self.stops - STOPS
+        waited = [each for each in self._listeners if each.asked_at <= asked_by and each.stops <= stops]
+        if waited:
+            self.failed = True
+            self._tell_each(waited, self._halted(standing=False))
+
     def _tell(self, standing: bool) -> None:
-        listeners, self._listeners = self._listeners, []
-        self.told = Halted(self.attached.address, self.attached.family, standing, self.stops)
-        for listener in listeners:
+        self.told = self._halted(standing)
+        self._tell_each(self._listeners, self.told)
+
+    def _halted(self, standing: bool) -> Halted:
+        return Halted(self.attached.address, self.attached.family, standing, self.stops)
+
+    def _tell_each(self, listeners: list[_Listener], told: Halted) -> None:
+        self._listeners = [each for each in self._listeners if each not in listeners]
+        for each in listeners:
             try:
-                listener(self.told)
+                each.tell(told)
             except Exception:
                 _log.exception("who was to be told how a stop ended failed")

@@ -108,8 +108,9 @@ def _dead(scale: Scale) -> Iterator[Measurement]:
 
 def _cases(scale: Scale, row: str, cases: dict[str, Case]) -> Iterator[Measurement]:
     libraries = [library for library in scale.libraries if library != FLOOR]  # it waits for ever
-    if OURS in libraries and not all(LIBRARIES[library].keeps_silence for library in libraries):
-        libraries += {BRIEF} - {*libraries}
+    breaks_silence = any(not LIBRARIES[library].keeps_silence for library in libraries)
+    if OURS in libraries and breaks_silence and BRIEF not in libraries:
+        libraries.append(BRIEF)
     for repetition in range(scale.repeats):
         for name, case in cases.items():
             for library in libraries:

@@ -23,17 +23,22 @@ async def zero_elsewhere(on: Bench) -> float:
     return on.shaft
 
 
+async def dip_under_way(on: Bench, verb: str) -> None:
+    """Set it in motion, dip its supply, and wait for what becomes of it."""
+    motion = on.axis.run(60) if verb == "run" else on.axis.move_to(1.0)
+    await anyio.sleep(0.15)
+    on.sim.restart(on.bus.now())
+    with suppress(MotionError):
+        await motion
+    await anyio.sleep(0.5)
+
+
 @pytest.mark.parametrize("verb", ["run", "move"])
 @on_virtual_clock
 async def test_one_that_dips_as_it_leaves_the_zero_that_was_set_is_not_trusted(verb: str) -> None:
     async with bench(dips(enabled=False)) as on:
         zero = await zero_elsewhere(on)
-        motion = on.axis.run(60) if verb == "run" else on.axis.move_to(1.0)
-        await anyio.sleep(0.15)
-        on.sim.restart(on.bus.now())
-        with suppress(MotionError):
-            await motion
-        await anyio.sleep(0.5)
+        await dip_under_way(on, verb)
         with pytest.raises(ReferenceLost, match="may have restarted"):
             await on.axis.move_to(0.5)
         await on.axis.enable()
@@ -49,12 +54,7 @@ async def test_in_a_watchdog_block_one_that_dips_is_armed_again_before_it_moves(
     async with bench(dips(enabled=enabled)) as on:
         await zero_elsewhere(on)
         async with on.axis.watchdog(0.6):
-            motion = on.axis.run(60) if verb == "run" else on.axis.move_to(1.0)
-            await anyio.sleep(0.15)
-            on.sim.restart(on.bus.now())
-            with suppress(MotionError):
-                await motion
-            await anyio.sleep(0.5)
+            await dip_under_way(on, verb)
             assert on.sim.watchdog_ms == 0
             with pytest.raises((ReferenceLost, RearmRequired)):
                 await on.axis.move_to(0.5)

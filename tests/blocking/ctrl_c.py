@@ -223,8 +223,11 @@ def cell(which: int) -> None:
         time.sleep(_UNTIL_INTERRUPTED)  # with no bus open, a signal after the cell would meet the kernel's own work
 
 
-def press(info: object) -> None:
-    """Ctrl-C in the kernel's own work, before the first line of a cell."""
+def press_once(info: object) -> None:
+    """Ctrl-C in the kernel's own work, before the first line of a cell, and of no cell after that."""
+    from IPython import get_ipython
+
+    get_ipython().events.unregister("pre_run_cell", press_once)
     signal.raise_signal(signal.SIGINT)
 
 

@@ -55,12 +55,11 @@ def test_a_press_before_the_first_line_of_a_cell_stops_the_motors_and_takes_effe
         notebook = ctrl_c.Notebook(60)
         async with notebook.kernel():
             await notebook.execute("from tests.blocking import ctrl_c; ctrl_c.cell(2)")
-            await notebook.execute("get_ipython().events.register('pre_run_cell', ctrl_c.press)")
+            await notebook.execute("get_ipython().events.register('pre_run_cell', ctrl_c.press_once)")
             said = await notebook.execute(
                 "ctrl_c.BUS.mks(1).run(300); import time; time.sleep(30); print('it went on')"
             )
             assert said == "KeyboardInterrupt"
-            await notebook.execute("get_ipython().events.unregister('pre_run_cell', ctrl_c.press)")
             assert await notebook.execute("print(ctrl_c.seen(), ctrl_c.is_open())") == "fine True\n"
 
     asyncio.run(main())

@@ -126,9 +126,13 @@ class Changes:
         self._state = state
         self._tell = tell
         self._told: dict[EventKind, object] = {}
+        self._seen = 0
 
     def look(self) -> None:
         """Something may be known that was not."""
+        if self._seen == self._state.news:
+            return
+        self._seen = self._state.news
         for fact, kind in self._FACTS:
             value = self._state.last(fact).value
             if value is not None and self._told.get(kind) != value:

@@ -7,6 +7,7 @@ A frame that can change a fact invalidates it when it is sent, whoever sends it.
 from __future__ import annotations
 
 import enum
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -49,8 +50,8 @@ class Fact(enum.Enum):
     __hash__ = object.__hash__
 
 
-_POSITION, _RUNNING, _SPEED = Fact.POSITION, Fact.RUNNING, Fact.SPEED
-MOTION = frozenset({_POSITION, _RUNNING, _SPEED, Fact.PUSHES})
+_POSITION, _RUNNING, _SPEED, _PUSHES = Fact.POSITION, Fact.RUNNING, Fact.SPEED, Fact.PUSHES
+MOTION = frozenset({_POSITION, _RUNNING, _SPEED, _PUSHES})
 """What a frame that starts or stops an axis changes."""
 Facts = Mapping[Fact, Any]
 
@@ -64,6 +65,8 @@ class Known(NamedTuple):
 
 
 _UNKNOWN = Known(None, NEVER)
+_known = functools.partial(tuple.__new__, Known)
+"""As `Known`, of a tuple, in half the time: every reply makes some."""
 
 
 class AxisState:
@@ -121,6 +124,8 @@ class AxisState:
         """Seconds that this takes."""
         self.last_way = (NEVER, NEVER, 0)
         """When its position was asked for the time before last, when the last time, and the counts in between."""
+        self.news = 0
+        """How often anything was told that is not what was told before."""
         self._facts: dict[Fact, Known] = {}
         self._changed: dict[Fact, float] = {}
 
@@ -166,12 +171,14 @@ class AxisState:
                     self._notice_jump(before, value, at, now)
                     if before.value is not None:
                         self.last_way = (before.at, at, self.rule.moved(before.value, value))
-                elif fact is Fact.RUNNING and value and facts.get(Fact.PUSHES, True):
+                elif fact is _RUNNING and value and facts.get(_PUSHES, True):
                     self.ran_at = at
-                self._facts[fact] = Known(value, at)
-        if at >= self._changed.get(_POSITION, NEVER) and at >= self.standstill.until:
-            told = facts.get(_POSITION), facts.get(_RUNNING), facts.get(_SPEED)
-            self.standstill.see(at, *told, by)
+                if value != before.value:
+                    self.news += 1
+                self._facts[fact] = _known((value, at))
+        if at >= self.standstill.until and at >= self._changed.get(_POSITION, NEVER):
+            told = facts.get
+            self.standstill.see(at, told(_POSITION), told(_RUNNING), told(_SPEED), by)
 
     def change(self, facts: Iterable[Fact], at: float) -> None:
         """A frame that can change these facts goes out."""
@@ -319,9 +326,12 @@ class DriveState:
             if was_silent and not tells_restarts:
                 for axis in self.axes:
                     axis.silent_since, axis.back_at, axis.back_heard_at = self._answered_at, at, now
-        self._answered_at, self.so_by = now, max(at, now - self._quickest)
-        self._quickest = min(self._quickest or now - at, now - at)
-        self.heard_at = max(self.heard_at, at)
+        took, quickest = now - at, self._quickest
+        self._answered_at, self.so_by = now, at if took < quickest else now - quickest
+        if took < quickest or not quickest:
+            self._quickest = took
+        if at > self.heard_at:
+            self.heard_at = at
         for axis, facts in zip(self.axes, told, strict=False):
             if facts:
                 axis.learn(facts, at, now, self.so_by)

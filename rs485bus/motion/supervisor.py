@@ -185,10 +185,10 @@ class Supervisor:
 
     def _tell_of_restart(self, watched: _Watched, *, perhaps: bool = False) -> None:
         """Tell the owner that the drive has started anew, or `perhaps` has: its watchdog may be off."""
-        owner, told, watched.lost = self._bus.owner, watched.lost, watched.state.lost
+        told, watched.lost = watched.lost, watched.state.lost
         is_lost = watched.lost not in (told, "", watched.state.distrusted)
         if is_lost or perhaps:
-            owner.stops.restarted(owner.units[self._drive.address])
+            self._bus.owner.stops.restarted(self._bus.owner.units[self._drive.address])
         if is_lost:
             watched.tell(EventKind.RESTART, watched.lost)
 

@@ -220,7 +220,7 @@ class Selector:
 
     def _feed(self, watch: ArmedWatchdog, wake: float) -> tuple[Job | None, float]:
         """What feeds a watchdog, once the pair was quiet for as long as its device wants."""
-        pause = self._units[watch.address].pause
+        pause = self._units.by_address[watch.address].pause
         if pause and (again := self._gate.pauses.wait_to_feed(watch.address, pause, self._clock.now)) > READY:
             return None, min(wake, again)
         return next_feed(watch, self._feeding, self._queue, self._units, self._admit, self._clock.now), wake

@@ -30,7 +30,10 @@ class Motion:
     @property
     def may_move(self) -> bool:
         """Whether a frame that moves it was sent, and it was not seen standing since."""
-        return any(leaf._may_move for leaf in self._leaves)
+        for leaf in self._leaves:  # noqa: SIM110 - asked at every reply, and `any` takes thrice as long
+            if leaf._may_move:
+                return True
+        return False
 
     @property
     def commanded_at(self) -> float:

@@ -31,7 +31,8 @@ class Ledger:
         if self.heard_at is None:
             self.heard_at = since
         elif since > self.heard_at:
-            self.longest = max(self.longest, at_most - self.heard_at)
+            if at_most - self.heard_at > self.longest:
+                self.longest = at_most - self.heard_at
             self.heard_at = since
 
     def longest_until(self, now: float) -> float:
@@ -72,6 +73,9 @@ class ArmedWatchdog:
     """It was heard only in the last quarter of its time, once."""
 
     due: float = field(init=False)
+    """When it is to be fed."""
+    over: float = field(init=False)
+    """When the device trips unless it is heard."""
 
     def __post_init__(self) -> None:
         self.takes = self.known = self.latest = self.cost
@@ -82,6 +86,7 @@ class ArmedWatchdog:
         """It acknowledged a frame that was sent at `since`."""
         self.heard_at = since
         self.due = since + SHARE * self.timeout
+        self.over = since + self.timeout
 
     def measured(self, took: float) -> None:
         """One feed took so many seconds."""
@@ -94,11 +99,6 @@ class ArmedWatchdog:
         """Its register holds another time."""
         self.timeout = timeout
         self.heard(self.heard_at)
-
-    @property
-    def over(self) -> float:
-        """When the device trips unless it is heard."""
-        return self.heard_at + self.timeout
 
     @property
     def feeds(self) -> int:
@@ -119,4 +119,5 @@ class ArmedWatchdog:
     def longest_least_wait(self) -> float:
         """How long that can become before the feeds of all devices are added up anew."""
         takes = REVISED * self.cost + REVISED_BY
-        return min(1.25 * takes + MARGIN, max(self.attempt, takes))
+        wait, longest = 1.25 * takes + MARGIN, self.attempt if self.attempt > takes else takes
+        return wait if wait < longest else longest

@@ -34,7 +34,7 @@ def next_feed(
         admit: whether a job may go.
         now: the time, in seconds.
     """
-    unit = units[watch.address]
+    unit = units.by_address[watch.address]
     attached = unit.attached
     assert attached is not None
     wait = feeding.wait(watch, now)
@@ -45,7 +45,7 @@ def next_feed(
             waiting.feeds = True
             return waiting
     unit.late.expire(now)
-    request = _read_to_feed(unit, attached.reads(), queue) if unit.late else attached.reads()[0]
+    request = _read_to_feed(unit, attached.reads(), queue) if unit.late.owed else attached.reads()[0]
     watch.ledger.feeds += 1
     job = Job(request, urgency=FEED, ignores_late_replies=True, internal=True, retries=0)
     job.feeds = True

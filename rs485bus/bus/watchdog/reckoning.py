@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Protocol
 
 from rs485bus.errors import WatchdogInfeasible
@@ -19,6 +20,7 @@ MOST = 0.6
 """The part of the wire that feeds may take. The rest belongs to what the devices are there for."""
 LOST = 2
 """How many attempts in a row may fail, of whichever devices, without a trip."""
+_over = attrgetter("over")
 
 
 class Fed(Protocol):
@@ -160,7 +162,8 @@ def admit(watches: Iterable[Fed], attempts: Iterable[float], longest: float, *, 
 def latest_start(watches: Iterable[Fed], takes: Callable[[Fed], float]) -> float:
     """The latest time at which feeding may begin so that none trips: one by one, the earliest deadline first."""
     latest, before = float("inf"), 0.0
-    for watch in sorted(watches, key=lambda watch: watch.over):
+    for watch in sorted(watches, key=_over):
         before += takes(watch)
-        latest = min(latest, watch.over - before)
+        if watch.over - before < latest:
+            latest = watch.over - before
     return latest

@@ -52,7 +52,7 @@ class Strain:
     @property
     def yields(self) -> bool:
         """Whether something else has a turn though a device is due."""
-        return self.presses and self._row >= _ROW
+        return self._row >= _ROW and (self.holds or self._in_vain >= _IN_VAIN)
 
     def starved(self, now: float) -> None:
         """Something else had a turn, and did not fit."""

@@ -142,7 +142,7 @@ class MksDrive(Drive):
         return (Fact.POSITION, Fact.ENABLED) if self.homed is None else (Fact.POSITION, Fact.ENABLED, Fact.MARK)
 
     def restarted(self, axis: int) -> str:
-        state = self.axis
+        state = self.state.axes[0]
         if self.homed is not None and state.value(Fact.MARK) not in (None, self.homed):
             return "its drive has forgotten that it was homed: it has restarted."
         if not (state.holds and state.may_count_anew):

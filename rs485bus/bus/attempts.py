@@ -18,6 +18,7 @@ from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.timers import Timers
 from rs485bus.bus.units.asking import hurry
+from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.motion import NEVER
 from rs485bus.bus.units.unit_state import UnitState, UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
@@ -244,7 +245,7 @@ class Attempts:
             if not frame:
                 if job.attempts == 1 and self._clock.now < owed_until and not job.backs_off:
                     job.patient_until = job.sent_at + self._repeating.retries_of(job) * (owed_until - job.sent_at)
-                unit.reply_times.missed(job)
+                unit.reply_times.missed(job, share_lost(*unit.reach.loss.counts))
                 self._pair.host.missed()
                 self._gate.silent[unit] = owed_until
             if job.sent_at >= unit.misses_count_from:

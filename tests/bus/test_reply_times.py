@@ -57,6 +57,26 @@ def test_a_missed_request_waits_longer_until_it_is_answered_and_others_do_not() 
     assert wait(times, SLOW) < before + 0.0001
 
 
+def test_a_line_that_loses_much_is_no_sign_of_a_slow_unit_until_it_would_lose_as_many_in_a_row_seldom() -> None:
+    times, job = taught(0.002), Job(SLOW)
+    before = wait(times)
+    job.unanswered = 1
+    times.missed(job, 0.3)
+    assert wait(times, SLOW) == before
+    job.unanswered = 2
+    times.missed(job, 0.3)
+    assert wait(times, SLOW) > before
+
+
+def test_one_answer_teaches_how_long_reads_take_and_three_how_long_writes_do() -> None:
+    times, write = taught(0.002, 1), write_single(1, 0, 1)
+    assert wait(times) < 3 * 0.002
+    for answers in range(3):
+        assert wait(times, write) == CEILING, answers
+        times.answered(Job(write), 0.002)
+    assert wait(times, write) < CEILING
+
+
 def test_what_is_missed_again_and_again_waits_the_longest_time_the_unit_may_take() -> None:
     times = taught(0.002)
     for _ in range(30):

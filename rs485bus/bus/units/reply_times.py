@@ -14,12 +14,14 @@ from rs485bus.bus.schedule.job import FEED, Job
 
 MARGIN = 0.0015
 """What is added to every learned time."""
-_ENOUGH = (2, 3, 3)
+_ENOUGH = (1, 3, 3)
 """Answers after which a learned time counts, by kind: a read that is repeated for nothing costs one transaction."""
 _GAIN = 1 / 8
 _DEVIATION_GAIN = 1 / 4
 _DEVIATIONS = 4
 _BACKOFF = 1.25
+_CHANCE = 0.15
+"""Attempts in a row that the line loses more often than that are no sign that the unit takes longer."""
 _LONGEST = 10.0
 _UNKNOWN = float("inf")
 _SLOW_REQUESTS = 32
@@ -108,11 +110,13 @@ class ReplyTimes:
             del self._slow[key]
         estimate.learn(took if took > 0.0 else 0.0)
 
-    def missed(self, job: Job) -> None:
-        """The job's latest attempt was not answered within the time it was waited for."""
+    def missed(self, job: Job, lost: float = 0.0) -> None:
+        """The job's latest attempt was not answered within the time it was waited for, on a line that loses a share."""
         estimate, key = self._kinds[_kind(job)], job.request.adu
         if estimate.wait == _UNKNOWN or job.backs_off:
             return  # a question that backs off waits between its repetitions, not for each
+        if lost ** max(1, job.unanswered) > _CHANCE:
+            return
         self._slow[key] = min(_LONGEST, _BACKOFF * max(estimate.wait, self._slow.get(key, 0.0)))
         self._slow.move_to_end(key)
         if len(self._slow) > _SLOW_REQUESTS:

@@ -358,7 +358,7 @@ class Axis:
     def forgive(self) -> None:
         """Take commands again after a failure that nobody has seen."""
         self.bus.check_thread()
-        self._stops.queue.forgive()
+        self._stops.forgive()
 
     def check_ready(self) -> None:
         """Raise what keeps the axis from taking another command."""

@@ -235,6 +235,7 @@ class MoveExecutor:
         await knowledge.know((Fact.ENABLED,))
         await knowledge.know((Fact.POSITION,))
         self._check_able()
+        self._stops.check_cut_off()
         position: int = state.value(Fact.POSITION)
         if standing:
             state.stood_at = position
@@ -282,7 +283,8 @@ class MoveExecutor:
             state.holds = False
             if fault := state.value(Fact.FAULT):
                 raise DriveFault(f"{self._name}: the drive reports {fault}. {self._drive.fault_remedy}".rstrip())
-            raise NotEnabled(f"{self._name} is not enabled: enable() it first.")
+            why = ", since the port was lost while it turned" if self._stops.was_cut_off else ""
+            raise NotEnabled(f"{self._name} is not enabled{why}: enable() it first.")
         state.holds = True
 
     # Seeing them end

@@ -72,6 +72,8 @@ class StopControl:
         """Something is wrong with what it carries out. That finds out what, and has the axis stand."""
         self.failure: Handle[Any] | None = None
         """The last failure of something that nobody waited for."""
+        self.was_cut_off = False
+        """The port was lost while it went on with something of which nobody waited for the end; nobody was told."""
         self._bus = bus
         self._drive = drive
         self._axis = axis
@@ -88,6 +90,7 @@ class StopControl:
     def stop_now(self, *, emergency: bool) -> Handle[None]:
         """Drop what is queued, and stop."""
         self.check_open()
+        self.was_cut_off = False  # it was not to go on
         self.queue.interrupt(MoveCancelled(f"{self._name} was stopped."))
         return self.begin_stop(emergency=emergency)
 
@@ -150,9 +153,11 @@ class StopControl:
         if self._bus.closing:
             raise BusClosed(f"{self._name}: the bus is being closed. Nothing is set in motion any more.")
         if not self._bus.connected:
+            turned = " It turned, and is stopped as soon as the port is there again." if self.was_cut_off else ""
+            self.was_cut_off = False
             raise NotSent(
                 f"{self._name}: the port is lost. What is asked for now would happen whenever it is there again: wait "
-                "for bus.connected, then ask again."
+                f"for bus.connected, then ask again.{turned}"
             )
         if self._bus.latched:
             raise EmergencyStopped(
@@ -166,6 +171,20 @@ class StopControl:
         why = self._bus.owner.units[self._drive.address].locked or self.blocked
         if why:
             raise RearmRequired(f"{self._name} moves only after {self._remedy}: {why}.")
+
+    def forgive(self) -> None:
+        """Take commands again, whatever has failed that nobody has seen."""
+        self.was_cut_off = False
+        self.queue.forgive()
+
+    def check_cut_off(self) -> None:
+        """Raise `MotionInterrupted`, once, where the loss of the port has ended what it went on with."""
+        if self.was_cut_off:
+            self.was_cut_off = False
+            raise MotionInterrupted(
+                f"{self._name}: the port was lost while it turned, and it was stopped when that was there again. This "
+                "command was not begun: see where the axis stands, then ask again."
+            )
 
     @property
     def _remedy(self) -> str:
@@ -288,6 +307,9 @@ class StopControl:
             error = RearmRequired(
                 f"{self._name} was unheard for {unheard:.2f} s ({reason}). It moves only after {self._remedy}."
             )
+        course = self._supervisor.course(self._axis)
+        keeps = current is None and course is not None and course.keeps and self._motion.may_move
+        self.was_cut_off = self.was_cut_off or (keeps and isinstance(error, NotSent))
         _log.warning("%s", error)
         self.tell(EventKind.LOST if isinstance(error, NotSent) else EventKind.TRIP, str(error))
         self.queue.interrupt(error, MoveCancelled(f"Cancelled: {error}"))

@@ -165,6 +165,7 @@ class ZlacWheel(Axis):
     def stopped_as_pair(self, stop: Handle[None]) -> None:
         """Both wheels are being stopped."""
         self._stops.check_open()
+        self._stops.was_cut_off = False
         self._stops.queue.interrupt(MoveCancelled(f"{self.name} was stopped."))
         self._supervisor.leave(self._at)
         self._executor.was_stopped()

@@ -904,6 +904,7 @@ class GroupStream:
     Args:
         axes: the axes, by name.
         streams: theirs.
+        members: the axes, as those see them that move with them.
     """
     def __enter__(self) -> GroupSetpoint: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...

@@ -274,6 +274,18 @@ class StopControl:
 
     # What its group needs
 
+    @property
+    def condition(self) -> str:
+        """How it was just now, in words: that it stood only where it was seen to."""
+        state, halt = self._drive.state.axes[self._axis], self._bus.owner.units[self._drive.address].halt
+        if not self._motion.may_move:
+            return "stood" if state.stands or state.stood_at is not None else "was not told to move"
+        if not self._bus.connected:
+            return "might turn, with its port away, and is stopped as soon as that is there again"
+        if halt is not None and self.is_stopping and not halt.failed:
+            return "was being stopped"
+        return "was told to stop and could not be seen standing" if self.blocked else "might turn"
+
     def give_up(self, handle: Handle[Any], error: Exception) -> None:
         """End a command, and what is queued behind it, because what it is a part of has ended. Nothing of it that is
         on its way to the drive is sent any more; `stop_if_moving` stops what was."""

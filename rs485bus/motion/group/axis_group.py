@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import copy
 from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Mapping, Sequence
 from typing import Any, Generic, Never, TypeVar
 
@@ -12,7 +11,7 @@ from rs485bus.bus.handle import Handle
 from rs485bus.errors import BusError, LimitExceeded, MoveCancelled, NotSupported
 from rs485bus.motion.group.execution import GroupExecution, Wish
 from rs485bus.motion.group.member import GroupAxis, GroupMember
-from rs485bus.motion.group.several import first_failure, when_all_have_ended
+from rs485bus.motion.group.several import first_failure, named, when_all_have_ended
 from rs485bus.motion.group.streams import GroupStream, StreamAxis
 from rs485bus.motion.move import Cancellable, Move, MoveState, MoveTarget, positions_until
 
@@ -121,7 +120,7 @@ class GroupMove(Cancellable[dict[str, float]]):
 
     def _failed(self, who: str | None, error: Exception) -> None:
         self._root = who
-        self.fail(error if who is None else _named(who, error))
+        self.fail(named(who, error, {name: axis.member for name, axis in self._axes.items()}))
 
     def _report(self, handle: Handle[Any]) -> None:
         if self._root is not None and not isinstance(self.error, MoveCancelled):
@@ -173,7 +172,7 @@ class HandleOfSeveral(Generic[T]):
                 results[name] = result
         if failed:
             name, error = min(failed, key=lambda entry: isinstance(entry[1], MoveCancelled))
-            raise _named(name, error) from error
+            raise named(name, error) from error
         return results
 
     def __await__(self) -> Generator[Any, None, dict[str, T]]:
@@ -259,7 +258,7 @@ class AxisGroup:
             names = ", ".join(axis.name for name, axis in self.axes.items() if name not in able)
             raise NotSupported(f"{names} cannot be told speeds in a stream.")
         streams = {name: axis.stream(timeout=timeout, acceleration=acceleration) for name, axis in able.items()}
-        return GroupStream(able, streams)
+        return GroupStream(able, streams, {name: axis.member for name, axis in self.axes.items()})
 
     def home(self) -> HandleOfSeveral[float]:
         """Find the origins of all axes, at once, each as its drive is set up for. All are waited for.
@@ -338,7 +337,7 @@ class AxisGroup:
                 if start is not None and end is not None:
                     wish.check(member, member.way(start, end))
             except (LimitExceeded, TypeError) as error:
-                raise _named(name, error) from None
+                raise named(name, error) from None
         return GroupMove(axes, goals, wish)
 
 
@@ -351,14 +350,3 @@ def _asked(axis: GroupAxis, stop: Callable[[], Handle[None]]) -> Handle[None]:
         handle: Handle[None] = Handle(f"stop of {axis.name}", axis.bus.unseen)
         handle.fail(error)
         return handle
-
-
-E = TypeVar("E", bound=BaseException)
-
-
-def _named(name: str, error: E) -> E:
-    """The same error, saying which axis it is of."""
-    named = copy.copy(error)
-    named.args = (f"{name}: {error}",)
-    named.__cause__ = error
-    return named

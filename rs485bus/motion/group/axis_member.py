@@ -107,6 +107,10 @@ class AxisMember:
 
     # How it ends
 
+    @property
+    def condition(self) -> str:
+        return self._stops.condition
+
     def give_up(self, handle: Handle[Any], error: Exception) -> None:
         self._stops.give_up(handle, error)
 

@@ -72,6 +72,10 @@ class GroupMember(Tellable, Protocol):
     def start_frame(self, target: int, pace: MotionParameters) -> Request:
         """The frame that starts its part."""
 
+    @property
+    def condition(self) -> str:
+        """How it was just now, in words: that it stood only where it was seen to."""
+
     def give_up(self, handle: Handle[Any], error: Exception) -> None:
         """End its part, and what is queued behind it."""
 

@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from typing import Any
+import copy
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, TypeVar
 
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
+from rs485bus.motion.group.member import GroupMember
+
+E = TypeVar("E", bound=BaseException)
+
+
+def named(name: str | None, error: E, axes: Mapping[str, GroupMember] | None = None) -> E:
+    """The same error, saying which axis it is of, and how all others are that were to move together with it."""
+    others = [f"{other} {axis.condition}" for other, axis in (axes or {}).items() if other != name]
+    said = str(error) if name is None else f"{name}: {error}"
+    copied = copy.copy(error)
+    copied.args = (f"{said} When this was told, {', '.join(others)}." if others else said,)
+    copied.__cause__ = error
+    return copied
 
 
 def first_failure(parts: Collection[Handle[Any]]) -> Exception | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Protocol, runtime_checkable
@@ -13,7 +13,9 @@ from typing import Protocol, runtime_checkable
 from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.errors import BusError, MoveCancelled
+from rs485bus.errors import BusError, MoveCancelled, StopUnconfirmed
+from rs485bus.motion.group.member import GroupMember
+from rs485bus.motion.group.several import named
 from rs485bus.motion.setpoints import Setpoint, SetpointStream
 
 
@@ -77,14 +79,14 @@ class GroupSetpoint:
             await self._check()
             raise
 
-    def _break_off(self, error: Exception, axes: Iterable[StreamAxis]) -> None:
+    def _break_off(self, who: str, error: Exception, axes: Mapping[str, GroupMember]) -> None:
         """One axis has failed, and the others were told to stop: that is told when their stops are on the wire."""
-        waited_for = {axis.bus for axis in axes}
+        waited_for = {axis.bus for axis in axes.values()}
 
         def out(bus: Bus) -> None:
             waited_for.discard(bus)
             if not waited_for:
-                self.error = error
+                self.error = named(who, error, axes)
                 self._told.set()
 
         for bus in tuple(waited_for):
@@ -138,15 +140,23 @@ class GroupStream(AsyncBlock):
     Args:
         axes: the axes, by name.
         streams: theirs.
+        members: the axes, as those see them that move with them.
     """
 
-    def __init__(self, axes: Mapping[str, StreamAxis], streams: Mapping[str, SetpointStream]) -> None:
+    def __init__(
+        self,
+        axes: Mapping[str, StreamAxis],
+        streams: Mapping[str, SetpointStream],
+        members: Mapping[str, GroupMember],
+    ) -> None:
         self._axes = axes
         self._streams = streams
+        self._members = members
         self._stack = AsyncExitStack()
         self._setpoint: GroupSetpoint | None = None
 
     async def __aenter__(self) -> GroupSetpoint:
+        name = None
         try:
             turn = _Turn(len(self._streams))
             for stream in self._streams.values():
@@ -155,15 +165,22 @@ class GroupStream(AsyncBlock):
             for stream in self._streams.values():
                 stream._check_wait()
             async with AsyncExitStack() as stack:
-                parts = {name: await stack.enter_async_context(stream) for name, stream in self._streams.items()}
+                parts = {}
+                for name, stream in self._streams.items():
+                    parts[name] = await stack.enter_async_context(stream)
                 self._setpoint = GroupSetpoint(parts)
                 self._stack = stack.pop_all()
-        except BaseException:
+        except BaseException as error:
             for stream in self._streams.values():
                 stream._withdraw()
-            raise
-        for stream in self._streams.values():
-            stream.on_end(self._ended)
+            if name is None or not isinstance(error, BusError):
+                raise
+            for stream in self._streams.values():  # one that has begun may have turned before
+                with contextlib.suppress(StopUnconfirmed):  # that is said below
+                    await stream._stopped()
+            raise named(name, error, self._members) from error
+        for name, stream in self._streams.items():
+            stream.on_end(functools.partial(self._ended, name))
         return self._setpoint
 
     async def __aexit__(
@@ -187,7 +204,7 @@ class GroupStream(AsyncBlock):
             await setpoint._check()
         return swallowed
 
-    def _ended(self, error: Exception | None) -> None:
+    def _ended(self, who: str, error: Exception | None) -> None:
         """The stream of one axis has ended: where that was not meant, the others are stopped."""
         setpoint = self._setpoint
         if error is None or isinstance(error, MoveCancelled) or setpoint is None or setpoint._is_broken:
@@ -197,4 +214,4 @@ class GroupStream(AsyncBlock):
             if not stream.over:
                 with contextlib.suppress(BusError):  # one that cannot be stopped must not keep the others from it
                     axis.stop()
-        setpoint._break_off(error, self._axes.values())
+        setpoint._break_off(who, error, self._members)

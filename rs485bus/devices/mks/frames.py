@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, TypeVar
 
-from rs485bus.arguments import real
+from rs485bus.arguments import real, whole
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.values import Model
 from rs485bus.errors import LimitExceeded
@@ -55,15 +55,16 @@ def write_block(address: int, block: Block, *values: Any) -> Request:
 
 def current(address: int, model: Model, milliamperes: int, save: bool) -> Request:
     """Set the working current (3.2.3): 0..3000 mA, of a 57D 0..5200 mA. Unsaved it holds until a restart."""
-    check_current("working current", model, milliamperes)
-    value = milliamperes if save else milliamperes | r.CURRENT_NOT_SAVED
+    value = check_current("working current", model, milliamperes)
+    value |= 0 if save else r.CURRENT_NOT_SAVED
     return write_single(address, r.CURRENT.address, value, hidden_refusal=True)
 
 
-def check_current(name: str, model: Model, milliamperes: int) -> None:
-    """Raise `LimitExceeded` for a current that a model cannot give."""
+def check_current(name: str, model: Model, milliamperes: int) -> int:
+    """A current that a model can give. Raises `LimitExceeded`."""
     if not 0 <= real(name, milliamperes) <= model.max_current:
         raise LimitExceeded(f"{name} {milliamperes} mA is outside 0..{model.max_current} mA of a SERVO{model.value}")
+    return whole(name, milliamperes, 0, model.max_current)
 
 
 def native(address: int, code: int, *data: int) -> Request:

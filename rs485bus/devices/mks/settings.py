@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
-from rs485bus.arguments import choice
+from rs485bus.arguments import choice, instance
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import current, write, write_block
 from rs485bus.devices.mks.homing import Homing, homing_frames
@@ -17,7 +17,7 @@ from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, Level, Mode
 from rs485bus.errors import NotSupported
 from rs485bus.motion.settings import Cost, Setting
 from rs485bus.wire.frames import Request
-from rs485bus.wire.registers import Register
+from rs485bus.wire.registers import Block, Register
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,16 +61,42 @@ Frames = Callable[[int, Model, Any], list[Request]]
 MksSetting = Setting[[int, Model, Any]]
 
 
-def _register(register: Register[Any]) -> Frames:
-    return lambda address, model, value: [write(address, register, value)]
+@dataclass(frozen=True, slots=True)
+class _InRegister:
+    """Writes a setting that is one register."""
+
+    register: Register[Any]
+
+    def __call__(self, address: int, model: Model, value: Any) -> list[Request]:
+        return [write(address, self.register, value)]
+
+
+def plain(name: str, value: Any) -> Any:
+    """A setting as its drive is told it: what is reckoned with later is no `Decimal` and no scalar of numpy.
+
+    Raises:
+        LimitExceeded: it is out of its range.
+    """
+    frames = SETTINGS[name].frames
+    return frames.register.decode(frames.register.encode(value)) if isinstance(frames, _InRegister) else value
+
+
+def _gains(block: Block) -> Frames:
+    def frames(address: int, model: Model, gains: Gains) -> list[Request]:
+        instance("gains", gains, Gains, "Gains(220, 100, 270, 320)")
+        return [write_block(address, block, gains.kp, gains.ki, gains.kd, gains.kv)]
+
+    return frames
 
 
 def _position_protection(address: int, model: Model, wanted: PositionProtection) -> list[Request]:
+    instance("position protection", wanted, PositionProtection, "PositionProtection(turns=0.1, seconds=0.3)")
     return [write_block(address, r.POSITION_PROTECTION, 0, wanted.enabled, wanted.seconds, wanted.turns)]
 
 
 def _pulse_divider(address: int, model: Model, divider: PulseDivider) -> list[Request]:
     check_outputs(model)
+    instance("pulse divider", divider, PulseDivider, "PulseDivider(period=3200)")
     return [write_block(address, r.PULSE_DIVIDER, divider.start, divider.period)]
 
 
@@ -83,33 +109,33 @@ def check_outputs(model: Model) -> None:
 _KEPT, _STANDING = Cost.KEPT, Cost.STANDING
 
 SETTINGS: Final[dict[str, MksSetting]] = {
-    "mode": Setting("work mode", "3.2.2", _KEPT | _STANDING, _register(r.WORK_MODE)),
+    "mode": Setting("work mode", "3.2.2", _KEPT | _STANDING, _InRegister(r.WORK_MODE)),
     "current": Setting(
         "working current", "3.2.3", _KEPT, lambda address, model, ma: [current(address, model, ma, save=True)]
     ),
-    "holding_current": Setting("holding current", "3.2.4", _KEPT, _register(r.HOLDING_CURRENT)),
-    "microsteps": Setting("microsteps", "3.2.5", _KEPT | _STANDING, _register(r.MICROSTEPS)),
-    "enable_level": Setting("level of En", "3.2.6", _KEPT, _register(r.ENABLE_LEVEL)),
-    "pulse_direction": Setting("direction for pulses", "3.2.7", _KEPT, _register(r.PULSE_DIRECTION)),
-    "screen_off": Setting("automatic screen-off", "3.2.8", _KEPT, _register(r.SCREEN_OFF)),
-    "interpolation": Setting("interpolation", "3.2.9", _KEPT, _register(r.INTERPOLATION)),
-    "key_lock": Setting("key lock", "3.2.13", _KEPT, _register(r.KEY_LOCK)),
+    "holding_current": Setting("holding current", "3.2.4", _KEPT, _InRegister(r.HOLDING_CURRENT)),
+    "microsteps": Setting("microsteps", "3.2.5", _KEPT | _STANDING, _InRegister(r.MICROSTEPS)),
+    "enable_level": Setting("level of En", "3.2.6", _KEPT, _InRegister(r.ENABLE_LEVEL)),
+    "pulse_direction": Setting("direction for pulses", "3.2.7", _KEPT, _InRegister(r.PULSE_DIRECTION)),
+    "screen_off": Setting("automatic screen-off", "3.2.8", _KEPT, _InRegister(r.SCREEN_OFF)),
+    "interpolation": Setting("interpolation", "3.2.9", _KEPT, _InRegister(r.INTERPOLATION)),
+    "key_lock": Setting("key lock", "3.2.13", _KEPT, _InRegister(r.KEY_LOCK)),
     "vfoc_gains": Setting(
         "gains of the vFOC modes",
         "3.3.1",
         _KEPT | _STANDING,
-        lambda address, model, gains: [write_block(address, r.PID_VFOC, gains.kp, gains.ki, gains.kd, gains.kv)],
+        _gains(r.PID_VFOC),
     ),
     "close_gains": Setting(
         "gains of the CLOSE modes",
         "3.3.2",
         _KEPT | _STANDING,
-        lambda address, model, gains: [write_block(address, r.PID_CLOSE, gains.kp, gains.ki, gains.kd, gains.kv)],
+        _gains(r.PID_CLOSE),
     ),
-    "overcurrent_protection": Setting("overcurrent protection", "3.4.1", _KEPT, _register(r.STALL_PROTECTION)),
+    "overcurrent_protection": Setting("overcurrent protection", "3.4.1", _KEPT, _InRegister(r.STALL_PROTECTION)),
     "position_protection": Setting("position error protection", "3.4.2", _KEPT, _position_protection),
     "pulse_divider": Setting("pulse divider", "4.3", _KEPT, _pulse_divider),
-    "limit_remap": Setting("limit remapping", "5.3.1", _KEPT | _STANDING | Cost.HOMING, _register(r.LIMIT_REMAP)),
+    "limit_remap": Setting("limit remapping", "5.3.1", _KEPT | _STANDING | Cost.HOMING, _InRegister(r.LIMIT_REMAP)),
     "homing": Setting(
         "homing",
         "5.3.2, 5.3.3, 5.3.4",

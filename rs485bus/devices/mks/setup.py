@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rs485bus.arguments import choice, positive
+from rs485bus.arguments import choice, instance, positive
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import current
 from rs485bus.devices.mks.homing import Homing
-from rs485bus.devices.mks.settings import SETTINGS, Gains, MksProfile, PositionProtection, PulseDivider
+from rs485bus.devices.mks.settings import SETTINGS, Gains, MksProfile, PositionProtection, PulseDivider, plain
 from rs485bus.devices.mks.values import EnableLevel, HoldingCurrent, ParameterDirection, WorkMode
 from rs485bus.motion.axis import Axis
 from rs485bus.motion.plan import Ask, Plan
@@ -38,9 +38,10 @@ class MksSetup(Axis):
         what is missing.
         """
         self.check_profile(profile)
+        values = {name: plain(name, value) for name, value in profile.values().items()}
 
         def plan() -> Plan[MksProfile]:
-            for name, value in profile.values().items():
+            for name, value in values.items():
                 yield from self._mks.write(name, value)
             return self._mks.acknowledged
 
@@ -48,6 +49,7 @@ class MksSetup(Axis):
 
     def check_profile(self, profile: MksProfile) -> None:
         """Refuse a profile of which a value is out of its range. Raises `LimitExceeded`."""
+        instance(f"{self.name}: profile", profile, MksProfile, "MksProfile(microsteps=16)")
         for name, value in profile.values().items():
             self._check(name, value)
 
@@ -137,7 +139,8 @@ class MksSetup(Axis):
 
     def _set(self, name: str, value: Any) -> Handle[None]:
         self._check(name, value)
-        return self._order_plan(SETTINGS[name].title, lambda: self._mks.write(name, value))
+        known = plain(name, value)
+        return self._order_plan(SETTINGS[name].title, lambda: self._mks.write(name, known))
 
     def _check(self, name: str, value: Any) -> None:
         """Raise what is out of range before it is queued."""

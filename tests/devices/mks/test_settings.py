@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any, cast
 
 import anyio
 import pytest
@@ -332,6 +334,34 @@ async def test_outputs_are_a_57d_s() -> None:
         await large.set_outputs(out_1=False, out_2=OutputMask.HOLD)
         assert on.sent(r.OUTPUTS) == [bytes.fromhex("02 10 00 36 00 02 04 02 00 01 00") + on.sent(r.OUTPUTS)[0][-2:]]
         assert "OUT_1" not in str(await large.inputs())
+
+
+@pytest.mark.parametrize("microsteps", [Decimal(16), Fraction(16), 16.0])
+@on_virtual_clock
+async def test_microsteps_of_any_kind_of_number_leave_an_axis_that_runs_and_stops(microsteps: Any) -> None:
+    orders: list[Callable[[MksServo], Handle[Any]]] = [
+        lambda axis: axis.set_microsteps(cast(Any, microsteps)),
+        lambda axis: axis.write_profile(MksProfile(microsteps=cast(Any, microsteps))),
+    ]
+    for order in orders:
+        async with bench(FlakyMks()) as on:
+            await order(on.axis)
+            assert type(on.axis.microsteps) is int
+            assert on.axis.acknowledged == MksProfile(microsteps=16)
+            await on.axis.run(60)
+            with anyio.fail_after(5):
+                await on.axis.stop()
+            assert await on.axis.idle()
+
+
+@pytest.mark.parametrize("name", ["vfoc_gains", "close_gains", "position_protection", "pulse_divider"])
+@on_virtual_clock
+async def test_a_setting_of_several_numbers_that_is_given_one_says_how_it_is_made(name: str) -> None:
+    async with bench(FlakyMks(), enable=False) as on:
+        large = MksServo(on.bus, 2, model=Model.SERVO57D)
+        with pytest.raises(TypeError, match="must be made like"):
+            getattr(large, f"set_{name}")(5)
+        assert not on.records
 
 
 @on_virtual_clock

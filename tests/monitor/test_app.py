@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from textual.pilot import Pilot
 from textual.widgets import DataTable, Static
 
 from rs485bus.bus.capture_lines import Exchange
@@ -58,6 +59,14 @@ class Buses:
         self.asked.append("emergency stop")
 
 
+async def until(pilot: Pilot[Any], seen: Callable[[], bool]) -> None:
+    """Wait until it is seen: a busy machine takes its time. What is not seen then, the test says."""
+    for _ in range(200):
+        if seen():
+            return
+        await pilot.pause(0.05)
+
+
 def shown(app: MonitorApp) -> dict[str, str]:
     return {name: str(app.query_one(f"#{name}", Static).render()) for name in ("buses", "frames", "notice")}
 
@@ -68,8 +77,8 @@ def test_it_shows_axes_bus_and_transactions_and_its_keys_stop_and_pause(size: tu
         buses = Buses()
         app = MonitorApp(buses, "cell")  # type: ignore[arg-type] # it says what a thread of buses would
         async with app.run_test(size=size) as pilot:
-            await pilot.pause(0.3)
             table = app.query_one(DataTable)
+            await until(pilot, lambda: table.row_count == 2 and "NO REPLY" in shown(app)["frames"])
             rows = [[str(cell) for cell in table.get_row_at(at)] for at in range(2)]
             assert [cell.strip() for cell in rows[0]] == ["x", "moving", "1.500 mm", "2.000", "60.0", "", "###  0.70s"]
             assert [cell.strip() for cell in rows[1]][:2] == ["y", "FAULT"]
@@ -83,11 +92,13 @@ def test_it_shows_axes_bus_and_transactions_and_its_keys_stop_and_pause(size: tu
             assert "NO REPLY" in text["frames"]
             assert "y: over current" in text["notice"]
             await pilot.press("down", "s", "space", "e")
+            await until(pilot, lambda: len(buses.asked) == 3)
             assert buses.asked == ["stop y", "stop all", "emergency stop"]
             await pilot.press("p")
-            await pilot.pause(0.3)
+            await until(pilot, lambda: "PAUSED" in shown(app)["notice"])
             assert "PAUSED" in shown(app)["notice"]
             await pilot.press("space")  # also while the view is held
+            await until(pilot, lambda: len(buses.asked) == 4)
             assert buses.asked[-1] == "stop all"
             await pilot.press("p", "q")
 
@@ -109,7 +120,7 @@ def test_it_ends_when_the_buses_do() -> None:
         app = MonitorApp(buses, "cell")  # type: ignore[arg-type]
         async with app.run_test(size=(80, 24)) as pilot:
             buses.ended = True
-            await pilot.pause(0.6)
+            await until(pilot, lambda: not app.is_running)
         assert not app.is_running
 
     asyncio.run(main())

@@ -6,7 +6,8 @@ mode only, by its target; everything else stops both. A fault of one wheel is a 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from rs485bus.bus.units.adapter import WatchdogRegister
 from rs485bus.bus.units.motion import Motion
@@ -99,6 +100,8 @@ class ZlacDrive(Drive):
         """It was enabled here, with no target left from before, and nothing has happened since."""
         self.setup: ZlacSetup | None = None
         """What was found when it was set up."""
+        self.now: Callable[[], float] = lambda: math.inf
+        """The time; as long as nobody has said that, what was asked may be of any age."""
         self.accelerations: dict[int, float | None] = {}
         """With which each wheel changes its speed, in rpm/s, if that is known."""
         self._kept: dict[int, tuple[ControlMode | None, int]] = {}

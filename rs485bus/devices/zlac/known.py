@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -42,6 +42,7 @@ class KnownZlac(Protocol):
     memory: ZlacMemory
     options: ZlacOptions
     abilities: tuple[ZlacAbility, ...]
+    now: Callable[[], float]
     accelerations: dict[int, float | None]
     fault_remedy: str
     paused: bool

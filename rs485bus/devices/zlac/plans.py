@@ -26,6 +26,8 @@ from rs485bus.wire.registers import Repeat
 
 _CLOSE = 0.05
 """By which part of it a ramp may be longer or shorter than it should be."""
+_UNDER_WAY = 0.03
+"""Seconds until a wheel has heard what is computed now."""
 Targets = tuple[r.Twin[int], Mapping[int, int]]
 """What exists once for each wheel, and values for some of them, by axis."""
 _SIDES = tuple(Side)
@@ -281,14 +283,18 @@ def put(drive: KnownZlac, *wanted: Targets) -> Plan[None]:
 
 
 def change_to(drive: KnownZlac, axis: int, rpm: float) -> float:
-    """The change of speed, in rpm, that it is for a wheel to turn at a speed: from the one that it has now, or is
-    changing to, whichever is further away."""
+    """The change of speed, in rpm, that it is for a wheel to turn at a speed: from the one that it had when it was last
+    asked, or can have come to since on its way to the one that it was told, whichever is further away."""
     state = drive.state.axes[axis]
     if not state.motion.may_move:
         return abs(rpm)
     told = (drive.memory.value(r.TARGET_VELOCITY.of(_SIDES[axis])) or 0) / drive.abilities[axis].resolution
-    speed = state.last(Fact.SPEED).value or 0.0
-    return abs(rpm - told) if is_speed(speed, told) else max(abs(rpm - told), abs(rpm - speed))
+    asked, rate = state.last(Fact.SPEED), drive.accelerations.get(axis) or math.inf
+    speed, most = asked.value or 0.0, rate * max(0.0, drive.now() + _UNDER_WAY - asked.at)
+    if is_speed(speed, told):
+        return abs(rpm - told)
+    reached = told if abs(told - speed) <= most else speed + math.copysign(most, told - speed)
+    return max(abs(rpm - reached), abs(rpm - speed))
 
 
 def frames_for_stop(drive: KnownZlac, axes: tuple[int, ...]) -> tuple[Request, ...]:

@@ -26,7 +26,7 @@ from rs485bus.devices.tlr.tables import Path, SpeedPath
 from rs485bus.devices.tlr.values import BaudRate, DiFunction, DoFunction, LimitStop, OperatingMode, PathMode, PathTrigger, SerialFormat
 from rs485bus.devices.zlac.odometry import OdometrySample, Pose
 from rs485bus.devices.zlac.setup import ZlacSetup
-from rs485bus.devices.zlac.status import ZlacStatus
+from rs485bus.devices.zlac.status import WheelStatus, ZlacStatus
 from rs485bus.devices.zlac.telemetry import Snapshot
 from rs485bus.devices.zlac.values import Brake, Side
 from rs485bus.motion.events import Event
@@ -1913,11 +1913,24 @@ class ZlacWheel(Axis):
     mode concern the other wheel, too; and while the other one keeps a speed or a torque, this one can do only the same.
     The drive does not time a `run`: the end of its duration is told when it has come, so that the wheel goes on turning
     if this program ends before, unless a watchdog guards it.
+
+    A wheel has no origin to find, and so no `home()`: drive it to where its zero is to be, then `set_zero()`.
     """
     other: ZlacWheel
     side: Side
+    def ask_drive(self, status: Callable[[], ZlacStatus], clear_faults: Callable[[], Both[None]]) -> None:
+        """By what its drive says how it is, and clears its errors."""
+        ...
     def carry(self, plan: Callable[[], Plan[T]]) -> T:
         """Carry out a plan that concerns both wheels, and sets nothing in motion."""
+        ...
+    def clear_fault(self) -> Both[None]:
+        """Clear the errors of the drive: the drive can clear those of both wheels only. Both are released then:
+        `enable()`.
+
+        Raises, when awaited:
+            DriveFault: what caused them is still there.
+        """
         ...
     def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
@@ -1940,6 +1953,9 @@ class ZlacWheel(Axis):
         ...
     def recount(self) -> None:
         """It is known how the drive counts."""
+        ...
+    def status(self) -> WheelStatus:
+        """What the drive reports of this wheel; `Zlac8015d.status` tells what it reports of itself, too."""
         ...
     def stop_with(self, other: ZlacWheel) -> None:
         """The other wheel, which stops of this one may stop, too."""

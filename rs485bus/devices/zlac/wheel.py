@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.zlac import plans
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.drive import ZlacDrive
+from rs485bus.devices.zlac.status import WheelStatus, ZlacStatus
+from rs485bus.devices.zlac.together import Both
 from rs485bus.devices.zlac.values import ControlMode, Side
 from rs485bus.errors import MoveCancelled, StopUnconfirmed
 from rs485bus.motion.axis import Axis
@@ -61,6 +63,8 @@ class ZlacWheel(Axis):
     mode concern the other wheel, too; and while the other one keeps a speed or a torque, this one can do only the same.
     The drive does not time a `run`: the end of its duration is told when it has come, so that the wheel goes on turning
     if this program ends before, unless a watchdog guards it.
+
+    A wheel has no origin to find, and so no `home()`: drive it to where its zero is to be, then `set_zero()`.
     """
 
     other: ZlacWheel
@@ -128,6 +132,28 @@ class ZlacWheel(Axis):
         )
         return self._after_streams(push)
 
+    def clear_fault(self) -> Both[None]:
+        """Clear the errors of the drive: the drive can clear those of both wheels only. Both are released then:
+        `enable()`.
+
+        Raises, when awaited:
+            DriveFault: what caused them is still there.
+        """
+        return self._clear_faults()
+
+    async def status(self) -> WheelStatus:
+        """What the drive reports of this wheel; `Zlac8015d.status` tells what it reports of itself, too."""
+        status = await self._ask_status()
+        return status.left if self.side is Side.LEFT else status.right
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            why = f"{type(self).__name__!r} object has no attribute {name!r}"
+            if name == "home":
+                why = f"{self.name} has no origin to find. Drive it to where its zero is to be, then set_zero() it."
+            raise AttributeError(why, name=name, obj=self)
+
     async def drain(self) -> None:
         """Wait until nothing is queued or on its way to a target, of either wheel: what guards one guards both."""
         for wheel in (self, self.other):
@@ -161,6 +187,10 @@ class ZlacWheel(Axis):
         """The other wheel, which stops of this one may stop, too."""
         self.other = other
         self._stops.others = (other._stops,)
+
+    def ask_drive(self, status: Callable[[], Awaitable[ZlacStatus]], clear_faults: Callable[[], Both[None]]) -> None:
+        """By what its drive says how it is, and clears its errors."""
+        self._ask_status, self._clear_faults = status, clear_faults
 
     def stopped_as_pair(self, stop: Handle[None]) -> None:
         """Both wheels are being stopped."""

@@ -130,6 +130,7 @@ class Zlac8015d:
         self._wheels = (self.left, self.right)
         for wheel, other in ((self.left, self.right), (self.right, self.left)):
             wheel.stop_with(other)
+            wheel.ask_drive(self.status, self.clear_faults)
         drive.now = bus.now
         drive.on_interrupted = self._was_interrupted
         drive.on_recounted = self._recount

@@ -22,7 +22,9 @@ from rs485bus.errors import (
     NotStanding,
     OutcomeUnknown,
     RequestFailed,
+    StopUnconfirmed,
 )
+from rs485bus.motion.diagnosis import not_seen_standing
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.look_budget import SILENT
@@ -163,7 +165,7 @@ class PlanCarrier:
         """See that an axis stands whose command has failed; `surely` where it may start yet, though it stands.
 
         Raises:
-            StopUnconfirmed: it was not seen standing.
+            MotionError: it was not seen standing, either: what is wrong with it is said first, where that is known.
         """
         self._stumble()
         hard = isinstance(error, DriveFault | MotorStalled)
@@ -172,8 +174,8 @@ class PlanCarrier:
         elif (hard or surely or not await self.is_seen_standing()) and self._bus.connected:
             try:
                 await self._stops.stand_still(emergency=hard, why=error if isinstance(error, DriveFault) else None)
-            except MotionError as unconfirmed:
-                raise unconfirmed from error
+            except StopUnconfirmed as unconfirmed:
+                raise not_seen_standing(unconfirmed, error) from error
 
     async def is_seen_standing(self) -> bool:
         """Whether the axis stands, once what was sent last would have set it in motion. On a pair that is never quiet

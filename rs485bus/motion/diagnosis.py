@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 
 from rs485bus.errors import (
+    BusError,
     DriveFault,
     LimitReached,
     MotionError,
     MotorStalled,
     MoveFailed,
+    MoveTimeout,
     NotEnabled,
     ReferenceLost,
+    StopUnconfirmed,
 )
 from rs485bus.motion.courses import Course, MoveCourse
 from rs485bus.motion.drive import Drive
@@ -88,6 +92,16 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
             f"look at the machine. It was stopped, lest it goes on when what holds it lets go. {drive.stall_remedy}"
         )
     return MoveFailed(f"{place}{_near_miss(course)}. {drive.what_else(axis)} {cause}".rstrip())
+
+
+def not_seen_standing(unconfirmed: StopUnconfirmed, error: BusError) -> MotionError:
+    """What is wrong with an axis that was stopped because of an error, and was not seen standing: that error, where it
+    says what is wrong with the axis."""
+    if isinstance(error, MoveTimeout) or not isinstance(error, MotionError):
+        return unconfirmed
+    known = copy.copy(error)
+    known.args = (f"{error} {unconfirmed}",)
+    return known
 
 
 def _near_miss(course: Course) -> str:

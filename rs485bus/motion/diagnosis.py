@@ -94,6 +94,12 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
     return MoveFailed(f"{place}{_near_miss(course)}. {drive.what_else(axis)} {cause}".rstrip())
 
 
+def is_stall_by_status(drive: Drive, axis: int, error: MotionError) -> bool:
+    """Whether a shaft is taken for held only because a status says that the motor is driven, which may be stuck."""
+    state = drive.state.axes[axis]
+    return isinstance(error, MotorStalled) and bool(state.value(Fact.PUSHES)) and not state.value(Fact.STALLED)
+
+
 def not_seen_standing(unconfirmed: StopUnconfirmed, error: BusError) -> MotionError:
     """What is wrong with an axis that was stopped because of an error, and was not seen standing: that error, where it
     says what is wrong with the axis."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
@@ -84,7 +85,7 @@ class MoveExecutor:
         self._wake = asyncio.Event()
         self.told: Told = lambda verdict, error: None
         """Takes the verdict on what is waited for."""
-        supervisor.watch(axis, name, self.on_trouble, stops.tell)
+        supervisor.watch(axis, name, functools.partial(self.on_trouble, foreign=True), stops.tell)
 
     # Commands
 
@@ -388,10 +389,10 @@ class MoveExecutor:
         if isinstance(current, GroupMemberMove):
             current.stumble()
 
-    def on_trouble(self, error: MotionError) -> None:
+    def on_trouble(self, error: MotionError, *, foreign: bool = False) -> None:
         """Something is wrong with an axis of which nobody waits for the end."""
         hard = not isinstance(error, LimitReached | NotEnabled)
-        self._stops.fail_unawaited(f"motion of {self._name}", error, emergency=hard)
+        self._stops.fail_unawaited(f"motion of {self._name}", error, emergency=hard, foreign=foreign)
 
     def short(self, move: Move) -> str:
         """The name of a move, without that of the axis."""

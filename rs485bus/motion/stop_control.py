@@ -18,13 +18,13 @@ from rs485bus.errors import (
     EmergencyStopped,
     MotionError,
     MotionInterrupted,
-    MotorStalled,
     MoveCancelled,
     NotSent,
     RearmRequired,
     StopUnconfirmed,
 )
 from rs485bus.motion.command_queue import CommandQueue
+from rs485bus.motion.diagnosis import is_stall_by_status
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import EventKind
 from rs485bus.motion.knowledge import AxisKnowledge
@@ -244,28 +244,30 @@ class StopControl:
         halt = self._bus.owner.units[self._drive.address].halt
         return halt is not None and halt.motion in (self._motion, self._drive.motion)
 
-    def fail_unawaited(self, what: str, error: MotionError, *, emergency: bool) -> None:
+    def fail_unawaited(self, what: str, error: MotionError, *, emergency: bool, foreign: bool) -> None:
         """Something is wrong with an axis of which nobody waits for the end. It is stopped; who gives the next command
-        is told, and whoever leaves the block of the bus."""
+        is told, and whoever leaves the block of the bus. `foreign`: nobody here began what it did."""
         _log.warning("%s", error)
         # Of a failure that is told of several axes of a drive, who has seen one has seen all.
         told = next((other.failure for other in self.others if other.failure and not other.failure.seen), None)
         failure = self.failure = told or Handle(what, self._bus.unseen)
         kept = [other for other in self._taken_along(emergency) if other.keeps]
-        state = self._drive.state.axes[self._axis]
-        by_status = isinstance(error, MotorStalled) and state.value(Fact.PUSHES) and not state.value(Fact.STALLED)
+        by_status = is_stall_by_status(self._drive, self._axis, error)
         stop = self.begin_stop(emergency=emergency, why=error)
         if by_status:
-            stop.add_done_callback(lambda _: self._reconsider(stop, failure))
+            stop.add_done_callback(lambda _: self._reconsider(stop, failure, error if foreign else None))
         self.queue.fail(failure, error)
         for other in kept:
             other.queue.fail(failure, error)  # who sees it once has seen it
 
-    def _reconsider(self, stop: Handle[None], failure: Handle[Any]) -> None:
+    def _reconsider(self, stop: Handle[None], failure: Handle[Any], untold: MotionError | None) -> None:
         """A shaft was taken for held, by a status that says that the motor is driven. Where that says so after a stop,
-        too, it is stuck: nothing was wrong."""
+        too, it is stuck: nothing was wrong. Else it is told what is, where that was not told yet."""
         state = self._drive.state.axes[self._axis]
-        if stop.error is None and self.failure is failure and state.value(Fact.PUSHES) and state.standstill.unmoved:
+        stuck = stop.error is None and state.value(Fact.PUSHES) and state.standstill.unmoved
+        if untold is not None and not stuck:
+            self.tell(EventKind.STALL, str(untold))
+        if stuck and self.failure is failure:
             what = "its status goes on saying that it is driven, after a stop, and it stands: that status is stuck"
             _log.warning("%s: %s", self._name, what)
             self.tell(EventKind.STOP, what)

@@ -20,7 +20,7 @@ from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
 from rs485bus.motion.courses import Course, Verdict
-from rs485bus.motion.diagnosis import diagnose, in_order, is_decided, suspect_restart
+from rs485bus.motion.diagnosis import diagnose, in_order, is_decided, is_stall_by_status, suspect_restart
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
@@ -91,8 +91,7 @@ class Supervisor:
         """Looks that were not answered, by their frames. The same one may be sent again where an equal one must wait,
         lest the late answer to the first is taken for its own."""
         self._timer_at = _FOREVER
-        self._rotated_at = NEVER
-        self._not_before = NEVER
+        self._rotated_at = self._not_before = NEVER
         self._misses = 0
         self._missed: Fact | None = None
         """What the last look was for, where that was not told: it gives way to whatever else is due."""
@@ -214,15 +213,15 @@ class Supervisor:
         verdict = course.judge()
         if course.stop_at <= now:
             left = f"{watched.name} would leave its limits by its {course.what}: it was stopped before."
-            self._end(watched, Verdict.DOUBTFUL, LimitReached(left))
+            self._end(axis, watched, Verdict.DOUBTFUL, LimitReached(left))
         elif verdict is Verdict.REACHED and watched.told is not None:
             watched.told(verdict, None)
         elif verdict is Verdict.DONE:
             watched.state.stood()
-            self._end(watched, verdict, None)
+            self._end(axis, watched, verdict, None)
         elif verdict is Verdict.OVERDUE:
             late = f"{watched.name}: {course.what} takes more than twice its time, and a second. It was stopped."
-            self._end(watched, verdict, MoveTimeout(late))
+            self._end(axis, watched, verdict, MoveTimeout(late))
         elif verdict is Verdict.DOUBTFUL:
             self._doubt(axis, watched, course, now)
         elif watched.doubted_at is not None:
@@ -240,7 +239,7 @@ class Supervisor:
             if watched.told is not None:
                 watched.told(Verdict.DOUBTFUL, None)
         if watched.course is course and is_decided(self._drive, axis, course, watched.doubted_at):
-            self._end(watched, Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
+            self._end(axis, watched, Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
 
     def _diagnose(self, axis: int, watched: _Watched, course: Course) -> MotionError:
         cause = possible_cause(self._bus.owner, self._drive)
@@ -248,13 +247,14 @@ class Supervisor:
             self._tell_of_restart(watched, perhaps=True)
         return diagnose(self._drive, axis, watched.name, course, cause)
 
-    def _end(self, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
+    def _end(self, axis: int, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
         if watched.course is not None and error is not None:
             watched.course.failed()
         told, watched.course, watched.told, watched.doubted_at = watched.told, None, None, None
         if error is not None and not isinstance(error, ReferenceLost):
-            watched.changes.failed(error, silent=verdict is Verdict.SILENT)
             watched.silent = verdict is Verdict.SILENT
+            if told is not None or not is_stall_by_status(self._drive, axis, error):  # else it is told after a stop
+                watched.changes.failed(error, silent=watched.silent)
         if told is not None:
             watched.starting = error is not None  # who is told stops it, or sees that it need not be
             told(verdict, error)
@@ -393,8 +393,8 @@ class Supervisor:
 
     def _fell_silent(self) -> None:
         self._since = self._bus.now()
-        for watched in self._watched.values():
+        for axis, watched in self._watched.items():
             if watched.course is not None:
                 course, watched.state.between = watched.course, watched.course.between
-                silent = MoveFailed(f"{watched.name} stopped answering during {course.what}.")
-                self._end(watched, Verdict.SILENT, silent)
+                silent = f"{watched.name} stopped answering during {course.what}."
+                self._end(axis, watched, Verdict.SILENT, MoveFailed(silent))

@@ -113,6 +113,7 @@ def test_a_status_that_is_stuck_at_full_speed_after_somebody_elses_motion_is_no_
 
     heard = on_virtual_clock(mks(act, stuck_status=Status.FULL_SPEED))
     assert not heard or any("stuck" in event.what for event in heard)
+    assert "stall" not in [event.kind.value for event in heard]
 
 
 @pytest.mark.parametrize("rate", [5, 20, 50])

@@ -91,7 +91,19 @@ def diagnose(drive: Drive, axis: int, name: str, course: Course, cause: str = ""
             f"{place}, and its drive says that it moves. Either something holds the shaft, or that status is stuck: "
             f"look at the machine. It was stopped, lest it goes on when what holds it lets go. {drive.stall_remedy}"
         )
-    return MoveFailed(f"{place}{_near_miss(course)}. {drive.what_else(axis)} {cause}".rstrip())
+    why = " ".join(filter(None, (drive.what_else(axis), cause, _maybe_restarted(drive, axis, course))))
+    return MoveFailed(f"{place}{_near_miss(course)}. {why}".rstrip())
+
+
+def _maybe_restarted(drive: Drive, axis: int, course: Course) -> str:
+    """What to do where an axis is where one is whose drive counts anew, and something else may have stopped it."""
+    state = drive.state.axes[axis]
+    stopped = state.stopped_at > state.obeyed_at or _misses_little(course)
+    if stopped or drive.tells_restarts or state.lost or not state.may_count_anew:
+        return ""
+    return (
+        "Or its drive has restarted, and counts from zero here: where positions matter, home() it or set_zero() first."
+    )
 
 
 def is_stall_by_status(drive: Drive, axis: int, error: MotionError) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rs485bus.motion.courses import LOOK_AGAIN, LOOK_SOON, Course, Verdict
 from rs485bus.motion.profile import RunProfile, is_speed
 from rs485bus.motion.run_limits import RunLimits
@@ -18,6 +20,7 @@ class RunCourse(Course):
         profile: how it goes.
         counts_per_turn: of the axis.
         limits: between which positions it may go; None for everywhere.
+        may_restart: its drive does not tell its restarts. A position that jumps back shows one.
         others as for `Course`.
     """
 
@@ -31,8 +34,12 @@ class RunCourse(Course):
         profile: RunProfile,
         counts_per_turn: int,
         limits: RunLimits | None = None,
+        may_restart: bool = False,
     ) -> None:
         super().__init__(what, state, started_at, grace)
+        # Where it turns round, it goes back.
+        self._way = math.copysign(1, profile.rpm) if may_restart and profile.rpm * profile.before >= 0 else 0
+        self._last: int | None = None
         self._limits = limits
         self.profile = profile
         self.keeps = profile.rpm != 0 and profile.duration is None
@@ -61,6 +68,9 @@ class RunCourse(Course):
             return Verdict.DONE if self._stands else self._in_time()
         if self.keeps and self.state.stopped_at > self.started_at:
             return Verdict.DONE if self._stands else Verdict.GOES_ON  # somebody has stopped it by a frame of this bus
+        if self._is_backwards():
+            self.state.suspect("its position jumped back: the drive may have restarted.")
+            return Verdict.DOUBTFUL
         if self._is_held_up(self.profile.turns_after, self._counts_per_turn):
             return Verdict.DOUBTFUL
         if not self.keeps:
@@ -70,6 +80,15 @@ class RunCourse(Course):
             self.reached = True
             return Verdict.REACHED
         return Verdict.GOES_ON if self.reached else self._in_time()
+
+    def _is_backwards(self) -> bool:
+        """Whether it was further on when it was last asked, by more than a load moves it, and is where a drive counts
+        from after a restart."""
+        position = self.state.value(Fact.POSITION)
+        last, self._last = self._last, position if position is not None else self._last
+        if not self._way or last is None or position is None:
+            return False
+        return self._way * self.state.rule.moved(last, position) < -self.state.jump and self.state.may_count_anew
 
     def due(self, fact: Fact) -> float:
         if self.keeps and self.state.stopped_at > self.started_at:

@@ -107,6 +107,7 @@ class RunExecutor:
             self._drive.start_grace,
             profile=profile,
             counts_per_turn=counts_per_turn,
+            may_restart=not self._drive.tells_restarts,
             limits=None if limits is None else RunLimits(*limits, rate / 60 * counts_per_turn, self._attempt),
         )
         move.eta = course.eta

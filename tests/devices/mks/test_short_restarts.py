@@ -104,3 +104,28 @@ async def test_one_that_somebody_lets_go_of_far_from_zero_is_only_not_enabled() 
             await move
         await on.axis.enable()
         assert await on.axis.move_to(1.0) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("how", ["for a time", "on and on"])
+@on_virtual_clock
+async def test_a_run_from_zero_whose_position_jumps_back_there_tells_of_a_restart(how: str) -> None:
+    async with bench(dips(enabled=True)) as on:
+        run = on.axis.run(60, duration=1.0 if how == "for a time" else None)
+        await anyio.sleep(0.4)
+        on.sim.restart(on.bus.now())
+        with suppress(MotionError):
+            await run
+        await anyio.sleep(0.6)
+        with pytest.raises(ReferenceLost, match="may have restarted"):
+            await on.axis.move_to(0.0)
+        assert on.shaft > 0.2  # that was not driven from where it is as if it were zero
+
+
+@on_virtual_clock
+async def test_where_a_restart_cannot_be_told_from_a_stop_by_something_else_that_is_said() -> None:
+    async with bench(dips(enabled=True)) as on:
+        run = on.axis.run(60, duration=1.0)
+        await anyio.sleep(0.1)
+        on.sim.restart(on.bus.now())
+        with pytest.raises(MoveFailed, match=r"Or its drive has restarted.*home\(\) it or set_zero\(\) first"):
+            await run

@@ -19,8 +19,11 @@ from rs485bus.errors import (
 )
 from rs485bus.motion.courses import Course, MoveCourse
 from rs485bus.motion.drive import Drive
+from rs485bus.motion.look_budget import SILENT
 from rs485bus.motion.state import Fact
 
+FOUND_OUT = 2 * SILENT
+"""Intervals in which it must be found out. What the drive has not told by then is left out: it may never tell it."""
 LOST = "home() it or set_zero() first."
 _LATER = (Fact.RUNNING, Fact.POSITION, Fact.LIMIT)
 """What is asked after all others: most is decided without the last one, and then the position is new enough to see that

@@ -20,7 +20,7 @@ from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
 from rs485bus.motion.courses import Course, Verdict
-from rs485bus.motion.diagnosis import diagnose, in_order, is_decided, is_stall_by_status, suspect_restart
+from rs485bus.motion.diagnosis import FOUND_OUT, diagnose, in_order, is_decided, is_stall_by_status, suspect_restart
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
@@ -35,14 +35,12 @@ _MISSES = 4
 """How many looks must have been without an answer then, at least, however long the drive may take for one."""
 _UNLIKELY = math.log(1e-6)
 """How unlikely it must be that the line has lost them all."""
-_STOPPING = 0.05
-"""Seconds after which it is seen whether a stop has ended."""
 _SHOWN = 0.02
 """Seconds after which a drive that has stopped says why."""
 _PAUSE = 0.05
 """The longest pause, in seconds, before a drive that does not answer is asked again."""
-_BLOCKED = 0.05
-"""Seconds after which a look that must wait for a late reply gives way to one that need not."""
+_AGAIN = 0.05
+"""Seconds after which it is seen whether a stop has ended; or a look that must wait for a late reply gives way."""
 _FOREVER = float("inf")
 
 Told = Callable[[Verdict, MotionError | None], None]
@@ -61,7 +59,8 @@ class _Watched:
     course: Course | None = None
     told: Told | None = None
     doubted_at: float | None = None
-    """Since when it is being found out what is wrong."""
+    doubted_until: float = _FOREVER
+    """Since when it is being found out what is wrong; and until when, whatever the drive has not told by then."""
     lost: str = ""
     """Why its positions were not to be trusted when that was last looked at."""
     silent: bool = False
@@ -236,9 +235,11 @@ class Supervisor:
             # What was asked while it stood already tells as much as what is asked now.
             shown_at = watched.state.standstill.since + _SHOWN if watched.state.stands else now
             watched.doubted_at = min(shown_at, self._drive.state.heard_at)
+            watched.doubted_until = now + FOUND_OUT * self.interval
             if watched.told is not None:
                 watched.told(Verdict.DOUBTFUL, None)
-        if watched.course is course and is_decided(self._drive, axis, course, watched.doubted_at):
+        is_over = now > watched.doubted_until or is_decided(self._drive, axis, course, watched.doubted_at)
+        if watched.course is course and is_over:
             self._end(axis, watched, Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
 
     def _diagnose(self, axis: int, watched: _Watched, course: Course) -> MotionError:
@@ -270,13 +271,12 @@ class Supervisor:
 
     def _look(self) -> None:
         """Ask for what is due, or come back when something is."""
-        owner = self._bus.owner
+        owner, now = self._bus.owner, self._bus.now()
         unit = owner.units[self._drive.address]
-        now = self._bus.now()
         if self._job is not None or owner.gate.closed:
             return
         if unit.halt is not None or not owner.gate.connected:
-            self._wake_at(now + _STOPPING)  # who stops it looks at it
+            self._wake_at(now + _AGAIN)  # who stops it looks at it
             return
         unheard = now - max(self._drive.state.heard_at, self._since)
         if self._misses >= self._in_vain(unit) and unheard > SILENT * max(self._interval(), unit.reply_timeout):
@@ -296,7 +296,7 @@ class Supervisor:
         self._job, self._missed = job, fact
         self._bus.submit(job)
         if not job.attempts:
-            self._bus.call_at(now + _BLOCKED, functools.partial(self._give_way, job))
+            self._bus.call_at(now + _AGAIN, functools.partial(self._give_way, job))
 
     def _give_way(self, job: Job) -> None:
         """Take back a look that must wait for a late reply to somebody else: another one is chosen then."""
@@ -305,7 +305,7 @@ class Supervisor:
             if owner.units[self._drive.address].late.must_wait(job.request):
                 owner.cancel(job, now)
             else:
-                self._bus.call_at(now + _BLOCKED, functools.partial(self._give_way, job))
+                self._bus.call_at(now + _AGAIN, functools.partial(self._give_way, job))
 
     def _in_vain(self, unit: UnitState) -> int:
         """How many looks in a row must have been without an answer, lest that is the loss of the line."""

@@ -26,10 +26,10 @@ def test_a_machine_moves_in_virtual_time(
             x.enable()
             await x.move_to(600, rpm=60)  # ten minutes
 
-    begun = time.monotonic()
+    begun = time.process_time()
     virtual_clock.run(machine())
     assert virtual_clock.time() > 1600
-    assert time.monotonic() - begun < 20
+    assert time.process_time() - begun < 20
     assert drive.shaft(virtual_clock.time()) == pytest.approx(600, abs=0.01)
     assert virtual_drives.turning() == []
 

@@ -28,3 +28,7 @@ def test_a_part_of_a_group_that_stands_already_as_the_port_is_lost_does_not_say_
 
 def test_a_drive_without_an_encoder_is_not_blamed_for_steps_that_nobody_can_see_it_lose() -> None:
     assert at_frames(Case("tlr", "zero-and-by", option="open-loop"), "stalled", slice(30, 33)) == []
+
+
+def test_a_stop_that_is_said_twice_at_once_gets_no_harder_because_an_answer_may_be_to_either() -> None:
+    assert at_frames(Case("zlac", "settings-then-run"), "reply-late", slice(41, 42)) == []

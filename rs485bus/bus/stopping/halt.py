@@ -115,6 +115,8 @@ class Halt:
         self._sent_at = NEVER
         self._evidence_from = _FOREVER
         """When the first stop of the latest order was sent: what was asked before shows nothing."""
+        self._begun_at = _FOREVER
+        """When the first stop of all was sent."""
         self._acknowledged = False
         self._is_heard = False
         """One frame of the last stop was acknowledged, if not all of them."""
@@ -215,7 +217,7 @@ class Halt:
 
     def _stop(self, pacing: Pacing) -> Procedure[None]:
         """Say it once."""
-        self._acknowledged, self._is_heard, order = True, False, self._orders
+        self._acknowledged, self._is_heard, order, heard = True, False, self._orders, True
         for request in self._stop_frames():
             stop = Job(
                 request,
@@ -229,16 +231,19 @@ class Halt:
             if stop.attempts:
                 self._sent_at, self._said = stop.sent_at, order
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
+                self._begun_at = min(self._begun_at, stop.sent_at)
             # An exception is no acknowledgement; what refuses a stop in its own way says that there is nothing to stop.
             # An answer that may be an older request's is none either.
             said_so = stop.outcome is Outcome.REPLY or (stop.outcome is Outcome.REFUSED and stop.code is None)
+            heard = heard and said_so and stop.answered_since >= self._begun_at
             said_so = said_so and stop.answered_since >= self._evidence_from
             self._took = stop.ended_at - stop.sent_at
             self._acknowledged = self._acknowledged and said_so
             self._is_heard = self._is_heard or said_so
         self._detector.stop_sent()
         self.stops += 1
-        self._unacknowledged = 0 if self._acknowledged else self._unacknowledged + 1
+        # It heard one of the stops, whichever: it was only told to stop once more meanwhile.
+        self._unacknowledged = 0 if heard else self._unacknowledged + 1
 
     def _is_worth_a_look(self, pacing: Pacing) -> bool:
         """Whether it may answer. One that is not heard is only told to stop, again and again."""

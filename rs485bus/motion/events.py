@@ -135,6 +135,8 @@ class Changes:
         self._seen = self._state.news
         for fact, kind in self._FACTS:
             value = self._state.last(fact).value
+            if fact is Fact.STALLED and value and self._state.stands is False:
+                continue  # its positions show that it moves
             if value is not None and self._told.get(kind) != value:
                 self._told[kind] = value
                 if value:

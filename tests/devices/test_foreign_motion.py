@@ -165,3 +165,26 @@ def test_a_jog_of_somebody_else_that_an_input_stops_is_told() -> None:
             x.forgive()
 
     on_virtual_clock(main())
+
+
+def test_a_stall_is_told_of_a_motor_that_does_not_turn_and_not_of_one_whose_positions_show_that_it_does() -> None:
+    async def act(bus: Bus, x: MksServo, sim: SimMks) -> None:
+        await x.run(60)
+        sim.motion.stalled = True  # and it turns on
+        await asyncio.sleep(1.0)
+        sim.motion.stalled = False
+        await asyncio.sleep(1.0)
+        sim.put_load(HEAVY, now())
+        held = now()
+        with suppress(MotionError):
+            while now() < held + 0.6:
+                await asyncio.sleep(0.01)
+                x.check_ready()
+        took.extend((held, now() - held))
+
+    took: list[float] = []
+    heard = on_virtual_clock(mks(act))
+    told = [event.at for event in heard if event.kind.value == "stall"]
+    assert len(told) == 1
+    assert took[0] < told[0] < took[0] + 0.5
+    assert took[1] < 0.5

@@ -171,8 +171,12 @@ class Supervisor:
             if watched.starting or (watched.course is None and not self._may_move(axis, watched)):
                 continue
             active = True
-            if not self._is_being_stopped(watched):
+            halt = self._bus.owner.units[self._drive.address].halt
+            if halt is None or halt.motion not in (watched.state.motion, self._drive.motion):
                 self._judge(axis, watched, self._bus.now())
+            elif halt.failed and watched.course is not None and not watched.course.goes_on:
+                error = f"{watched.name} was stopped during {watched.course.what}, and could not be seen standing."
+                self._end(axis, watched, Verdict.DOUBTFUL, MoveFailed(error))  # nobody waits longer for that
         if not active:
             self._rest()
             return
@@ -201,10 +205,6 @@ class Supervisor:
         proof = drive.wanted(axis)
         watched.course = ForeignCourse("motion", state, motion.commanded_at, drive.start_grace, proof=proof)
         return True
-
-    def _is_being_stopped(self, watched: _Watched) -> bool:
-        halt = self._bus.owner.units[self._drive.address].halt
-        return halt is not None and halt.motion in (watched.state.motion, self._drive.motion)
 
     def _judge(self, axis: int, watched: _Watched, now: float) -> None:
         course = watched.course

@@ -327,8 +327,8 @@ class Owner:
             self._pipeline.add(job, start + pair.longest_wait(request, timeout))
             return request.adu
         if unit.asked_in_vain and job.urgency is Urgency.STOP and self.feeding.guards_others(job.address):
-            # Whether it is there is known when it was silent for its time; others must not trip for that.
-            timeout = min(timeout, max(CUT_AFTER, unit.silent_since + timeout - start))
+            # Others must not trip for it. But what it usually takes it gets: its answer would hit what goes next.
+            timeout = min(timeout, max(CUT_AFTER, unit.reply_times.longest, unit.silent_since + timeout - start))
         if self.feeding.armed:
             self.feeding.strain.sent(job.feeds)
         pair.begin(job, start, timeout, units.late(self._clock.now) if units.owing else (), unit.reply_times)

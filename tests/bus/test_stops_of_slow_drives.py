@@ -2,11 +2,12 @@
 
 import asyncio
 import logging
+import random
 
 import pytest
 
-from rs485bus import Bus, BusConfig, MksServo, Unit, open_bus
-from rs485bus.sim import SimMks, SimUnit, VirtualLine
+from rs485bus import Bus, BusConfig, MksServo, Unit, Zlac8015d, open_bus
+from rs485bus.sim import SimMks, SimUnit, SimZlac, VirtualLine
 from tests.devices.mks.bench import on_virtual_clock
 
 
@@ -81,3 +82,37 @@ async def test_one_that_was_not_seen_to_stand_is_as_soon_as_it_answers_again(tak
             assert await stands(bus, 1, within=2.0)
             poller.cancel()
             assert not sims[0].moving(asyncio.get_running_loop().time())
+
+
+@pytest.mark.parametrize("seed", [203, 215, 237, 249])
+@on_virtual_clock
+async def test_all_that_take_their_time_are_stopped_at_once_and_none_of_the_guarded_trips(seed: int) -> None:
+    """A stop goes before the answer to the one before, which hits it: both are said again, and waited for then."""
+    logging.getLogger("rs485bus").disabled = True
+    chance = random.Random(seed)
+    sims = [SimMks(address) if chance.random() < 0.6 else SimZlac(address, watchdog=0) for address in range(1, 11)]
+    for sim in sims:
+        sim.turnaround = chance.choice([0.02, 0.02, 0.04] if seed % 2 else [0.02, 0.04])
+    async with open_bus(VirtualLine(*sims, baudrate=9600)) as bus:
+        drives = [
+            MksServo(bus, sim.address) if isinstance(sim, SimMks) else Zlac8015d(bus, sim.address) for sim in sims
+        ]
+        for drive in drives:
+            await drive.enable()
+        async with bus.watchdog(*chance.sample(drives, 7), timeout=1.5) as guard:
+            for drive in chance.sample(drives, 3):
+                await (drive.run(60) if isinstance(drive, MksServo) else drive.run(60, 60))
+            polls = [asyncio.create_task(ask(drive)) for drive in drives]
+            await asyncio.sleep(chance.random())
+            report = await bus.emergency_stop()
+            assert [each.address for each in report.devices if not each.standing] == []
+            await asyncio.sleep(4.0)
+            assert [each.address for each in guard.report() if each.trips] == []
+            for poll_of_one in polls:
+                poll_of_one.cancel()
+
+
+async def ask(drive: MksServo | Zlac8015d) -> None:
+    while True:
+        await drive.status()
+        await asyncio.sleep(0.05)

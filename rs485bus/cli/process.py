@@ -7,6 +7,7 @@ import contextlib
 import errno
 import os
 import signal
+import socket
 import sys
 import threading
 from collections.abc import Callable, Coroutine, Iterable, Iterator
@@ -146,7 +147,8 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False, 
     try:
         with _signals(cancel, suspends), asyncio.Runner(loop_factory=factory) as runner:
             loop = runner.get_loop()
-            return runner.run(main())
+            with _woken_by_signals(loop):
+                return runner.run(main())
     except asyncio.CancelledError:
         if not signalled:
             raise
@@ -160,6 +162,25 @@ def run(make: Callable[[], Coroutine[Any, Any, int]], *, virtual: bool = False, 
         if settings.debug:
             raise
         return tell(error)
+
+
+@contextmanager
+def _woken_by_signals(loop: asyncio.AbstractEventLoop) -> Iterator[None]:
+    """Have signals wake the loop. One that comes just before it begins to wait would be handled when that ends."""
+    if os.name != "posix":  # Windows' own loop does that
+        yield
+        return
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.setblocking(False)
+        theirs.setblocking(False)
+        loop.add_reader(ours, lambda: ours.recv(4096))
+        former = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(former)
+            loop.remove_reader(ours)
 
 
 @contextmanager

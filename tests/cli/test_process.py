@@ -4,6 +4,8 @@ import asyncio
 import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -143,6 +145,31 @@ def test_sim_in_the_background_of_a_script_ends_when_it_is_terminated(number: si
         assert await asyncio.wait_for(process.wait(), 30) == 130
 
     in_real_time(main)
+
+
+def test_a_signal_that_comes_just_before_the_loop_waits_wakes_it() -> None:
+    """The system notes it in a file; what Python does about it waits until something wakes the loop."""
+    before = signal.set_wakeup_fd(-1)
+
+    async def command() -> int:
+        loop, task, noted_in = asyncio.get_running_loop(), asyncio.current_task(), signal.set_wakeup_fd(-1)
+        assert task is not None
+
+        def come() -> None:
+            time.sleep(0.1)
+            loop.call_soon(task.cancel)  # as a handler would, had it been called; and this wakes nothing
+            os.write(noted_in, bytes([signal.SIGTERM]))
+
+        threading.Thread(target=come).start()
+        begun = time.monotonic()
+        try:
+            await asyncio.sleep(10)
+        except asyncio.CancelledError:
+            return int(time.monotonic() - begun > 9)
+        return 2
+
+    assert process.run(command) == 0
+    assert signal.set_wakeup_fd(before) == before
 
 
 def test_sim_whose_output_nobody_reads_ends_without_a_word() -> None:

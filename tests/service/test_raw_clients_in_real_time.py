@@ -62,11 +62,11 @@ class Raw:
         payload = said if isinstance(said, bytes) else json.dumps(said)
         await self._mqtt.publish(f"{self.root}/{what}", payload, qos=1, properties=properties, retain=retain)
 
-    async def ends(self, request: str, within: float = 5.0) -> list[dict[str, Any]]:
-        """How a request has ended, as often as that was told."""
+    async def ends(self, request: str, within: float = 5.0, times: int = 1) -> list[dict[str, Any]]:
+        """How a request has ended, as often as that was told, once it was told so often."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(within):
-                while not self._ends(request):  # noqa: ASYNC110 - messages have no event here
+                while len(self._ends(request)) < times:  # noqa: ASYNC110 - messages have no event here
                     await asyncio.sleep(0.01)
         return self._ends(request)
 
@@ -110,7 +110,7 @@ def test_an_id_is_used_once_whoever_uses_it_and_for_whatever(tmp_path: Path, bro
             await a.ask("x/enable", args={})
             said = a.request(id="1")
             await asyncio.gather(*(a.send("request/x/move_by", said, correlation=bytes([n])) for n in range(4)))
-            assert [end["outcome"] for end in await a.ends("1")] == ["done"] * 4
+            assert [end["outcome"] for end in await a.ends("1", times=4)] == ["done"] * 4
             assert shaft(plant) == pytest.approx(1.0, abs=0.01)
             await a.send("request/x/move_to", a.request(id="1", args={"position": 9.0}))
             await b.send("request/y/move_by", b.request(id="1"))

@@ -116,3 +116,31 @@ async def ask(drive: MksServo | Zlac8015d) -> None:
     while True:
         await drive.status()
         await asyncio.sleep(0.05)
+
+
+@pytest.mark.parametrize(("turning", "after"), [((5,), 0.25), ((3, 5, 6), 0.1), ((3, 5, 6), 0.4), ((3, 5, 6), 0.55)])
+@on_virtual_clock
+async def test_three_that_are_slow_do_not_cut_each_others_stops_for_ever(
+    turning: tuple[int, ...], after: float
+) -> None:
+    """The late answer of one falls into the wait for another's, which is waited for all the same."""
+    logging.getLogger("rs485bus").disabled = True
+    sims = [SimZlac(address, watchdog=0) if address in range(2, 8) else SimMks(address) for address in range(1, 11)]
+    for sim in sims:
+        sim.turnaround = 0.09 if sim.address in (2, 5, 6) else 0.002
+    async with open_bus(VirtualLine(*sims, baudrate=38400)) as bus:
+        drives = [
+            MksServo(bus, sim.address) if isinstance(sim, SimMks) else Zlac8015d(bus, sim.address) for sim in sims
+        ]
+        for drive in drives:
+            await drive.enable()
+        async with bus.watchdog(drives[6], timeout=0.6) as guard:
+            for address in turning:
+                drive = drives[address - 1]
+                await (drive.run(60) if isinstance(drive, MksServo) else drive.run(60, 60))
+            await asyncio.sleep(after)
+            began = asyncio.get_running_loop().time()
+            report = await bus.emergency_stop()
+            assert [each.address for each in report.devices if not each.standing] == []
+            assert asyncio.get_running_loop().time() - began < 2.0
+            assert guard.report()[0].trips == 0

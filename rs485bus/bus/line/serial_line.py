@@ -221,7 +221,8 @@ class SerialLine:
             return over
         shortest = self.air_end + self._cut_after + self.latency
         frees, takes = self._cut_after, self.line.airtime(_STOP)
-        if self.heard_at <= self.air_end and frees < expected[1] and (patient or expected[0] < frees + takes):
+        is_near = self.heard_at <= self.air_end and expected[0] < frees + takes
+        if frees < expected[1] and (patient or is_near):
             longest = expected[1] if patient else min(expected[1], 2 * (frees + takes))
             shortest = max(shortest, self.air_end + longest + self.latency)
         noisy = self._unless_begun(max(shortest, stop_asked_at + STOP_WAITS))

@@ -42,8 +42,8 @@ axes = ["x", "y"]
 
 
 def connect(url: str, **options: Any) -> Any:
-    """A client with a lease that outlasts the pauses of a busy machine."""
-    return remote.connect(url, **{"lease": 10.0, **options})
+    """A client with a lease and verbs that outlast the pauses of a busy machine."""
+    return remote.connect(url, **{"lease": 10.0, "life": 20.0, **options})
 
 
 def unlike_any_other() -> str:

@@ -318,9 +318,8 @@ class StopControl:
         if self._motion.may_move or begun:
             error = MotionInterrupted(f"{told} How far it went is not known until then.")
         if self._bus.owner.units[self._drive.address].locked:
-            error = RearmRequired(
-                f"{self._name} was unheard for {unheard:.2f} s ({reason}). It moves only after {self._remedy}."
-            )
+            why = f" was unheard for {unheard:.2f} s ({reason})" if unheard else f": {reason}"
+            error = RearmRequired(f"{self._name}{why}. It moves only after {self._remedy}.")
         course = self._supervisor.course(self._axis)
         keeps = current is None and course is not None and course.keeps and self._motion.may_move
         self.was_cut_off = self.was_cut_off or (keeps and isinstance(error, NotSent))

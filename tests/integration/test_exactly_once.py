@@ -250,7 +250,7 @@ async def test_an_event_loop_that_is_blocked_lets_the_drives_stop_themselves_and
 
 
 @virtual
-async def test_a_lease_that_is_not_renewed_stops_the_axis_until_it_is() -> None:
+async def test_a_lease_that_is_not_renewed_stops_the_axis_until_it_is(caplog: pytest.LogCaptureFixture) -> None:
     made = plant()
     async with bus_on(made) as (_, (x,)), x.watchdog(0.5, lease=1.0) as guard:
         x.enable()
@@ -261,6 +261,7 @@ async def test_a_lease_that_is_not_renewed_stops_the_axis_until_it_is() -> None:
         assert not made.stands()
         await asyncio.sleep(2.0)
         assert made.stands()
+        assert "unheard" not in caplog.text  # its drive answers
         with pytest.raises(RearmRequired, match=r"lease of 1 s was not renewed"):
             await x.move_by(1.0)
         with pytest.raises(RearmRequired, match=r"renew\(\) the lease"):

@@ -136,7 +136,8 @@ class Changes:
         for fact, kind in self._FACTS:
             value = self._state.last(fact).value
             if fact is Fact.STALLED and value and self._state.stands is False:
-                continue  # its positions show that it moves
+                self._seen = -1  # its positions show that it moves: that is looked at again
+                continue
             if value is not None and self._told.get(kind) != value:
                 self._told[kind] = value
                 if value:

@@ -18,6 +18,7 @@ from rs485bus.devices.tlr.drive import TlrDrive
 from rs485bus.devices.zlac.ability import ZlacOptions
 from rs485bus.devices.zlac.drive import ZlacDrive
 from rs485bus.motion.drive import Drive
+from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.standstill import NEVER, StandstillRule
 from rs485bus.motion.state import FRESH, MOTION, AxisState, DriveState, Fact
 from rs485bus.sim import SimMks, SimTlr, SimZlac
@@ -216,3 +217,18 @@ def test_what_is_said_to_stand_stood_when_it_was_asked_last_whoever_writes_and_h
             if state.stands:
                 assert until >= changed[axis]
                 assert not kind.motors(sim)[axis].moving(until)
+
+
+def test_a_reported_stall_is_an_event_as_soon_as_positions_do_not_show_that_the_motor_turns() -> None:
+    state, told = AxisState(Motion(), RULE, jump=100), list[EventKind]()
+    changes = Changes(state, lambda kind, what: told.append(kind))
+    state.motion.commanded(1.0)
+    for at, position in ((1.1, 0), (1.2, 500), (1.3, 1000)):
+        state.learn({Fact.POSITION: position, Fact.RUNNING: True}, at, at)
+    state.learn({Fact.STALLED: True}, 1.31, 1.31)
+    changes.look()
+    assert told == []
+    for number in range(20):
+        state.learn({Fact.POSITION: 1000, Fact.RUNNING: True}, 1.4 + number / 10, 1.4 + number / 10)
+        changes.look()
+    assert told == [EventKind.STALL]

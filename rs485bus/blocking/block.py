@@ -52,14 +52,19 @@ class Block:
     async def leave(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool:
-        """Leave it, by an exception or without. Returns whether that is not to go on."""
+        """Leave it, by an exception or without. Returns whether that is not to go on.
+
+        One that is being left already is waited for.
+        """
         task, leaving = self._task, self._leaving
-        assert task is not None
-        assert leaving is not None
         self.entered = False
-        self._task = self._leaving = None  # the exception's frames are not to be kept
-        leaving.set_result((kind, error, trace))
+        self._leaving = None  # the exception's frames are not to be kept
+        if leaving is not None and not leaving.done():
+            leaving.set_result((kind, error, trace))
+        if task is None:
+            return False
         await asyncio.wait([task])
+        self._task = None
         return bool(task.result())
 
     async def _hold(self, entered: asyncio.Future[Any], leaving: asyncio.Future[_Left]) -> bool | None:

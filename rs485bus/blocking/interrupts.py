@@ -84,19 +84,23 @@ class _Interrupts:
 
     def __init__(self) -> None:
         self._buses: tuple[Stoppable, ...] = ()
+        self._changing = threading.Lock()
+        """Any thread opens and closes buses."""
         self._main = threading.main_thread().ident
         self._put_off: Callable[[], None] | None = None
         """What Ctrl-C does when it takes effect."""
 
     def add(self, bus: Stoppable) -> None:
         """Have Ctrl-C stop the axes of a bus."""
-        self._buses = (*self._buses, bus)
+        with self._changing:
+            self._buses = (*self._buses, bus)
         self.watch()
         _follow_cells(True)
 
     def remove(self, bus: Stoppable) -> None:
         """It was closed. With the last one the former handler is put back."""
-        self._buses = tuple(other for other in self._buses if other is not bus)
+        with self._changing:
+            self._buses = tuple(other for other in self._buses if other is not bus)
         if self._buses:
             return
         _follow_cells(False)

@@ -83,6 +83,8 @@ class Call:
     async def _finish(self, coroutine: Coroutine[Any, Any, Any]) -> None:
         try:
             self.result = await coroutine
+        except asyncio.CancelledError:  # means nothing to a thread
+            self.error = BusClosed("The bus was closed before this had ended.")
         except BaseException as error:
             self.error = error
         finally:

@@ -21,7 +21,7 @@ from rs485bus.blocking.interrupts import interrupts
 from rs485bus.blocking.loop import Call, shared_loop
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
-from rs485bus.errors import AddressInUse, BusError
+from rs485bus.errors import AddressInUse, BusClosed, BusError
 
 _STANDING = 5.0
 """Seconds for which Ctrl-C waits until all axes are seen standing: as long as closing a bus may take."""
@@ -53,7 +53,8 @@ class Opened:
         self._block = Block(manager)
         self._stops: list[Handle[Any]] = []
         self._process = os.getpid()
-        self._closed = False
+        self._ended = _thread.allocate_lock()
+        """Taken by whoever is the first to have closed it: several threads may close it at once."""
         self._finalizer: weakref.finalize[..., Any] | None = None
         interrupts.add(self)  # from here on Ctrl-C is put off until it is open
         self.loop = shared_loop.borrow()
@@ -74,29 +75,20 @@ class Opened:
 
     def leave(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Close it as a block does: after queued moves, or at once where the block is left by an exception."""
-        if not self._closed:
-            try:
-                self.loop.carry_out(Call(self._block.leave, (kind, error, trace), {}), patient=True)
-            finally:
-                self._end()
+        self._close_by(Call(self._block.leave, (kind, error, trace), {}))
 
     def close(self, **how: Any) -> None:
         """Close it now: stop every axis that may move, see it stand, release the watchdogs."""
-        if not self._closed and self._process == os.getpid():
-            try:
-                self.loop.carry_out(Call(self._close, (), how), patient=True)
-            finally:
-                self._end()
+        self._close_by(Call(self._close, (), how))
 
     def forgotten(self) -> None:
-        """Nobody has it any more, and nobody closed it. From whichever thread: nothing is waited for."""
-        if self._closed or self._process != os.getpid():
-            return
-        self._closed = True
-        interrupts.remove(self)
-        atexit.unregister(self.close)
-        self.loop.begin(Call(self._close_and_give_back, (), {}))
-        warnings.warn(f"{self._inner!r} was not closed", ResourceWarning, stacklevel=2)
+        """Nobody has it any more, and nobody closed it. From whichever thread: nothing is waited for here.
+
+        The end of the program waits for it, as for every bus that is not closed yet.
+        """
+        if not self._ended.locked() and self._process == os.getpid():
+            self.loop.begin(Call(self._close_and_end, (), {}))
+            warnings.warn(f"{self._inner!r} was not closed", ResourceWarning, stacklevel=2)
 
     def stop_soon(self) -> None:
         """Have all axes stopped. From a signal handler."""
@@ -127,22 +119,33 @@ class Opened:
         for stop in stops:
             stop.cancel()
 
+    def _close_by(self, call: Call) -> None:
+        if self._ended.locked() or self._process != os.getpid():
+            return
+        try:
+            self.loop.carry_out(call, patient=True)
+        except BusClosed:
+            if self.loop.alive:
+                raise  # otherwise another thread has closed it meanwhile
+        finally:
+            self._end()
+
     def _end(self) -> None:
-        self._closed = True
-        if self._finalizer is not None:
-            self._finalizer.detach()
-        interrupts.remove(self)
-        atexit.unregister(self.close)
-        shared_loop.give_back(self.loop)
+        if self._ended.acquire(False):
+            if self._finalizer is not None:
+                self._finalizer.detach()
+            interrupts.remove(self)
+            atexit.unregister(self.close)
+            shared_loop.give_back(self.loop)
 
     async def _close(self) -> None:
         await self._block.leave(GeneratorExit, GeneratorExit(), None)
 
-    async def _close_and_give_back(self) -> None:
+    async def _close_and_end(self) -> None:
         try:
             await self._close()
         finally:
-            shared_loop.give_back(self.loop)
+            self._end()
 
 
 class OpenedBus(Opened):

@@ -1,16 +1,20 @@
 """What one does with a blocking bus, in a script or in the cells of a notebook."""
 
+import asyncio
 import contextlib
 import gc
+import sys
 import threading
 import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from rs485bus import blocking
+from rs485bus.blocking.interrupts import interrupts as known_interrupts
 from rs485bus.errors import AddressInUse, BusClosed, LimitExceeded, MoveCancelled, WrongThread
 from rs485bus.sim import SimMks, SimTlr, SimUnit, SimZlac, VirtualLine
 
@@ -264,3 +268,70 @@ def test_a_bus_that_was_left_by_an_exception_is_kept_by_nobody() -> None:
     left = interrupted()
     gc.collect()
     assert left() is None
+
+
+def test_threads_may_close_a_bus_at_once_and_the_others_go_on(bus: blocking.Bus) -> None:
+    other = blocking.open_bus(VirtualLine(SimMks(1)))
+    together = threading.Barrier(4)
+
+    def close() -> None:
+        together.wait()
+        other.close()
+
+    with ThreadPoolExecutor(4) as threads:
+        closings = [threads.submit(close) for _ in range(4)]
+    assert [closing.exception() for closing in closings] == [None] * 4
+    assert bus.mks(1).position() == 0.0
+
+
+def test_the_end_of_the_program_waits_until_the_motors_of_a_bus_that_was_let_go_stand() -> None:
+    drive = SimMks(1)
+    bus = blocking.open_bus(VirtualLine(drive))
+    opened, now = bus._opened, bus._loop.loop.time
+    bus.mks(1).enable()
+    bus.mks(1).run(60).wait()
+    with pytest.warns(ResourceWarning, match="was not closed"):
+        del bus
+    opened.close()  # as the end of the program does
+    assert not drive.moving(now())
+
+
+def test_what_waits_when_the_last_bus_is_closed_is_told_that(line: VirtualLine) -> None:
+    bus = blocking.open_bus(line)
+    begun = threading.Event()
+
+    async def forever() -> None:
+        begun.set()
+        await asyncio.Event().wait()
+
+    with ThreadPoolExecutor() as threads:
+        waiting = threads.submit(bus._loop.call, forever)
+        assert begun.wait(5)
+        bus.close()
+        assert isinstance(waiting.exception(5), BusClosed)
+
+
+def test_buses_that_threads_open_and_close_at_once_are_all_known_to_ctrl_c() -> None:
+    class Opened:
+        def stop_soon(self) -> None: ...
+        def press_again(self) -> None: ...
+        def see_standing(self, give_up: Callable[[], bool]) -> None: ...
+
+    interrupts = type(known_interrupts)()
+
+    def open_and_close() -> None:
+        for _ in range(2000):
+            bus = Opened()
+            interrupts.add(bus)
+            assert bus in interrupts._buses
+            interrupts.remove(bus)
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as threads:
+            ended = [threads.submit(open_and_close) for _ in range(4)]
+    finally:
+        sys.setswitchinterval(interval)
+    assert [thread.exception() for thread in ended] == [None] * 4
+    assert not interrupts._buses

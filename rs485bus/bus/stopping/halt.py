@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar, Union
 from rs485bus.bus.schedule.endings import Endings
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
 from rs485bus.bus.stopping.pace import Pacing
-from rs485bus.bus.units.adapter import DeviceAdapter
+from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
 from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.wire.frames import Request
 
@@ -45,6 +45,8 @@ _LOOKS = 6
 """Looks that one that acknowledged the stop has to be seen to stand, at least, however long each takes."""
 _BLIND = 5
 """Stops, to a device that is not heard, of which one is followed by a look."""
+_BLINDLY_EVERY = 0.5
+"""Seconds that one has to stop in that cannot be judged."""
 _ORDERS_EVERY = 0.1
 """Seconds after which a device that is left alone is stopped again if somebody asks for it."""
 
@@ -126,7 +128,7 @@ class Halt:
         """When it was last asked where its status said that it stands."""
         self._said_over_noise = False
         """That went out over noise, or noise came with its answer."""
-        self._detector = attached.judgement(motion)
+        self._detector: StandstillDetector
         """Decides from all that was asked since the first stop: nothing sets it in motion between two orders."""
         self._looks: dict[Request, Job] = {}
         """What was asked and not answered. A look that is sent again is the same job: either reply to it will do."""
@@ -170,6 +172,33 @@ class Halt:
 
     def run(self, pacing: Pacing) -> Procedure[bool]:
         """Stop it until it stands. False if that was ended before."""
+        try:
+            return (yield from self._stop_until_it_stands(pacing))
+        except Exception:
+            _log.exception("unit %d is stopped blindly: its family's own code failed", self.attached.address)
+        while not self._over:
+            order = self._orders
+            yield from self._stop_blindly()
+            self.give_up()
+            while order == self._orders and not self._over:
+                self._now = yield self._now + _ORDERS_EVERY
+        return False
+
+    def _stop_blindly(self) -> Procedure[None]:
+        """Say it as often as one that is not seen to stand is told to. Nobody knows whether it stands then."""
+        try:
+            frames = self._stop_frames()
+        except Exception:
+            _log.exception("unit %d cannot be told to stop", self.attached.address)
+            return
+        for _ in range(STOPS):
+            for request in frames:
+                self._now = yield self._stop_job(request, None)
+            self.stops += 1
+            self._now = yield self._now + _BLINDLY_EVERY
+
+    def _stop_until_it_stands(self, pacing: Pacing) -> Procedure[bool]:
+        self._detector = self.attached.judgement(self.motion)
         order, tries = self._orders, 0
         while not self._over:
             if order != self._orders:
@@ -219,15 +248,7 @@ class Halt:
         """Say it once."""
         self._acknowledged, self._is_heard, order, heard = True, False, self._orders, True
         for request in self._stop_frames():
-            stop = Job(
-                request,
-                urgency=Urgency.STOP,
-                reply_timeout=self._wait(pacing),
-                ignores_late_replies=True,
-                internal=True,
-                retries=0,
-            )
-            self._now = yield stop
+            self._now = yield (stop := self._stop_job(request, self._wait(pacing)))
             if stop.attempts:
                 self._sent_at, self._said = stop.sent_at, order
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
@@ -244,6 +265,11 @@ class Halt:
         self.stops += 1
         # It heard one of the stops, whichever: it was only told to stop once more meanwhile.
         self._unacknowledged = 0 if heard else self._unacknowledged + 1
+
+    def _stop_job(self, request: Request, wait: float | None) -> Job:
+        return Job(
+            request, urgency=Urgency.STOP, reply_timeout=wait, ignores_late_replies=True, internal=True, retries=0
+        )
 
     def _is_worth_a_look(self, pacing: Pacing) -> bool:
         """Whether it may answer. One that is not heard is only told to stop, again and again."""

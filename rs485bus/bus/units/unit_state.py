@@ -281,7 +281,10 @@ class UnitStates:
         """Tell the devices that a write concerns that it goes out."""
         for unit in self if job.is_broadcast else (self[job.address],):
             if unit.attached is not None and (not job.is_broadcast or unit.attached.hears(job.request)):
-                unit.attached.on_sent(job.request, at)
+                try:
+                    unit.attached.on_sent(job.request, at)
+                except Exception:  # the frame goes out all the same: it may be a stop
+                    _log.exception("unit %d: what was told that %s goes out failed", unit.address, job.request)
 
     def answered(self, unit: UnitState, request: Request) -> None:
         """The unit answered a request: it is not offline."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 from rs485bus.bus.owner import Owner
@@ -13,6 +14,8 @@ from rs485bus.bus.watchdog.lease import Lease
 from rs485bus.bus.watchdog.releasing import left_armed, release
 from rs485bus.bus.watchdog.settings import check_watchdog
 from rs485bus.wire.frames import Request
+
+_log = logging.getLogger("rs485bus")
 
 __all__ = [
     "EmergencyReport",
@@ -78,7 +81,12 @@ def _broadcast_stops(owner: Owner, units: list[UnitState]) -> list[Request]:
     requests = {}
     for unit in units:
         assert unit.attached is not None
-        request = unit.attached.broadcast_stop()
-        if request is not None and all(other.family == unit.attached.family for other in known if other.hears(request)):
-            requests[request.adu] = request
+        try:
+            request = unit.attached.broadcast_stop()
+            if request is not None and not any(
+                other.hears(request) for other in known if other.family != unit.attached.family
+            ):
+                requests[request.adu] = request
+        except Exception:  # each is stopped by itself all the same
+            _log.exception("%s %d cannot be stopped by a broadcast", unit.attached.family, unit.address)
     return list(requests.values())

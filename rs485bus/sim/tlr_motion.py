@@ -16,6 +16,8 @@ from rs485bus.sim.tlr_memory import Memory
 ENCODER_STEPS = 4000
 """A turn: 1000 lines, four edges each (1.3)."""
 POSITION_ERROR = 5
+_SAME = 1e-9
+"""Seconds by which two moments may differ that are the same."""
 _NUDGE = 1e-7
 
 
@@ -121,13 +123,16 @@ class TlrMotion:
 
     def advance(self, now: float) -> None:
         """Let everything happen until now, each at its time."""
+        met = -FOREVER
         while True:
             due = min(self._events, default=None, key=lambda event: event[0])
             until = min(now, FOREVER if due is None else max(due[0], self._last))
             hits = [] if not self.motor.moving(self._last) else self._hits(until)
+            # What holds the shaft goes with it: it comes to that again, by rounding.
+            hits = [hit for hit in hits if hit > met + _SAME]
             if hits:
-                self._last = min(hits)
-                self._meet(self._last)
+                self._last = met = min(hits)
+                self._meet(met)
             elif due is not None and due[0] <= now:
                 self._last = until
                 self._events.remove(due)

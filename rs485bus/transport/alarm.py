@@ -160,8 +160,9 @@ class TimerfdAlarm:
 
 def make_alarm(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> Alarm:
     """The most precise alarm that this loop and system have."""
-    # The loop's clock must be the one that timerfd goes by: a test's loop may have one of its own.
-    real = abs(loop.time() - time.monotonic()) < 0.1
+    # The loop's clock must be the one that timerfd goes by. A test's loop may have one of its own, that shows the same.
+    own = isinstance(loop, asyncio.BaseEventLoop) and clock_of(loop) is not time.monotonic
+    real = not own and abs(loop.time() - time.monotonic()) < 0.1
     if sys.platform == "linux" and real and hasattr(loop, "add_reader"):
         try:
             return TimerfdAlarm(loop, callback)

@@ -1,6 +1,8 @@
 """The simulated TL-R does what its manual says to plain frames, without the facade."""
 
+import random
 from typing import Any
+from unittest.mock import DEFAULT, Mock
 
 import pytest
 from hypothesis import given
@@ -227,3 +229,23 @@ def test_a_motor_that_turns_round_passes_a_place_on_its_way() -> None:
     assert motor.reaches(9.0, 1.0, 10.0) == pytest.approx(2.0 - 0.2**0.5)
     assert motor.reaches(11.0, 1.0, 10.0) is None
     assert motor.reaches(-5.0, 1.0, 10.0) is not None
+
+
+@pytest.mark.parametrize("seed", [111, 188, 215, 426])
+def test_a_shaft_that_is_held_comes_to_where_it_is_held_once(seed: int) -> None:
+    rng = random.Random(seed)
+    motion = SimTlr(1, machine=TlrMachine(origin=None)).motion
+    motion.closed_loop = False
+    at = 1000 + rng.uniform(0, 0.3)
+    motion.motor.run(rng.choice((-1, 1)) * rng.uniform(20, 300), rng.uniform(200, 5000), at)
+    at += rng.uniform(0.01, 0.3)
+    motion.advance(at)
+    here = motion.shaft(at)
+    motion.machine.travel = (here, here) if rng.random() < 0.5 else (here - 0.1, here + 0.5)
+    meets = Mock(wraps=motion._meet, side_effect=[DEFAULT] * 500)
+    motion._meet = meets  # type: ignore[method-assign]
+    for _ in range(40):
+        at += rng.uniform(0.001, 0.02)
+        motion.advance(at)
+        if rng.random() < 0.05:
+            motion.motor.run(rng.uniform(-300, 300), rng.uniform(200, 5000), at)

@@ -74,7 +74,6 @@ class Attempts:
         native: bool,
     ) -> None:
         self._clock = clock
-        self._offline_after = config.offline_after
         self._pair = pair
         self._queue = queue
         self._gate = gate
@@ -288,13 +287,13 @@ class Attempts:
             self.lingering.add(job, may_come_until)
             return
         if how == "no reply" and not job.internal:
-            self._units.missed(unit, self._clock.now, self._offline_after)
+            self._units.missed(unit, self._clock.now)
         lost = Reason.CLOSED if self._gate.closed else Reason.UNPLUGGED
         self._end(job, silence_of(job), lost if how == "lost" else Reason.NONE)
 
     def gave_no_reply(self, job: Job, reason: Reason = Reason.NONE) -> None:
         """The last attempt was not answered within the longest time that the unit may take."""
-        self._units.missed(self._units[job.address], self._clock.now, self._offline_after)
+        self._units.missed(self._units[job.address], self._clock.now)
         self._end(job, silence_of(job), reason)
 
     def _fed_nothing(self, job: Job, how: str = "refused") -> None:

@@ -75,7 +75,7 @@ class Owner:
         echo = False if numbered else None if config.echo == "auto" else config.echo
         self.feeding = Feeding(line.budget(_BROADCAST, config.turnaround, 0) + silence)
         in_order = config.in_order and not gateway
-        self.units = UnitStates(in_order, config.reply_timeout, config.late_reply_window_of(gateway), native=native)
+        self.units = UnitStates(config, in_order, config.late_reply_window_of(gateway), native=native)
         self.pair = SerialLine(line, silence, echo, now)
         self.watchdogs = WatchdogMaker(self.pair, self.journal)
         self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)

@@ -8,9 +8,10 @@ import random
 import pytest
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.schedule.job import Outcome
+from rs485bus.bus.schedule.job import Outcome, Reason
 from rs485bus.sim import Noise, SimUnit
 from rs485bus.sim.rig import Rig
+from rs485bus.sim.treatment import PLAIN, Treatment
 from rs485bus.wire.frames import read_holding, registers, write_single
 from rs485bus.wire.registers import Repeat
 from tests.bus.lossy import delivered
@@ -215,3 +216,55 @@ def test_a_neighbour_that_took_a_request_for_the_missing_answer_needs_one_repeti
     assert second.attempts == 2
     rig.done(first)
     assert first.outcome is Outcome.REPLY
+
+
+class Away(SimUnit):
+    """A unit that hears nothing until a time."""
+
+    until = 0.0
+
+    def receive(self, frame: bytes, now: float) -> bytes | None:
+        return super().receive(frame, now) if now >= self.until else None
+
+
+def away(seconds: float) -> Rig:
+    """A line on which unit 1 was silent for a whole request, and hears nothing for so many seconds from the begin."""
+    unit = Away(1, dict.fromkeys(range(64), 7))
+    rig = Rig(unit, SimUnit(2, dict.fromkeys(range(64), 7)))
+    rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(3)))
+    unit.until = rig.now + seconds
+    rig.done(first := rig.submit(read_holding(1, 0, 2)))
+    assert first.outcome is Outcome.NO_REPLY
+    return rig
+
+
+def test_a_read_of_a_unit_that_has_fallen_silent_ends_before_others_have_waited_for_it() -> None:
+    rig = away(0.7)
+    for _ in range(5):
+        rig.done(job := rig.submit(read_holding(1, 0, 2)), rig.submit(read_holding(2, 0, 2)))
+        assert (job.outcome, job.reason) == (Outcome.NOT_SENT, Reason.OWED)
+        assert (
+            0.002 < job.ended_at - job.queued_at < 0.03
+        )  # at its own pace, so that a loop of a caller's does not spin
+    asked = [frame for at, frame in rig.sent if frame == read_holding(1, 0, 1).adu]
+    assert 1 <= len(asked) <= 3
+    rig.run(0.5)
+    rig.done(job := rig.submit(read_holding(1, 0, 2)))
+    assert registers(job.reply) == [7, 7]
+
+
+def test_who_says_how_long_he_waits_waits_so_long() -> None:
+    rig = away(0.6)
+    rig.done(job := rig.submit(read_holding(1, 0, 2), expires_at=rig.now + 1.0))
+    assert registers(job.reply) == [7, 7]
+
+
+def test_what_was_asked_instead_is_not_asked_again_once_it_was_answered() -> None:
+    rig = Rig(SimUnit(1, dict.fromkeys(range(64), 7)), config=BusConfig(echo=False, retries=0))
+    rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(3)))
+    lost = [Treatment(answered=False)] * 2  # the read, and what is asked instead for the first time
+    rig.pair.script = lambda frame, now: lost.pop() if lost else PLAIN
+    jobs = [rig.submit(read_holding(1, 0, 2)) for _ in range(4)]
+    rig.done(*jobs)
+    assert [job.outcome for job in jobs] == [Outcome.NO_REPLY] + [Outcome.REPLY] * 3
+    assert [frame[5] for at, frame in rig.sent] == [2, 2, 2, 2, 1, 1, 2, 2, 2]

@@ -119,7 +119,7 @@ def test_a_bad_line_does_not_make_a_unit_offline() -> None:
 
 
 def test_the_account_drains_with_time() -> None:
-    listening = ProbeBudget()
+    listening = ProbeBudget(share=0.02, burst=0.25)
     listening.spend(1.0, 0.0)
     assert listening.free_at(0.0) == pytest.approx((1.0 - 0.25) / 0.02)
     assert listening.free_at(100.0) == 100.0

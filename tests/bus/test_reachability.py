@@ -57,6 +57,16 @@ def refused(frame: bytes, code: int = 2) -> bytes:
     return body + crc(body)
 
 
+def lose(rig: Rig, *units: Switched) -> None:
+    """Switch them off, and read them until they are offline."""
+    for unit in units:
+        unit.on = False
+    for _ in range(30):
+        rig.done(*(rig.submit(read_holding(unit.address, 0, 2)) for unit in units))
+        rig.run(0.05)
+    assert all(rig.owner.units[unit.address].reach.offline for unit in units)
+
+
 # What is a sign of life
 
 
@@ -429,12 +439,9 @@ def test_on_an_idle_bus_a_unit_that_is_back_is_found_within_two_seconds(dead: in
     rig = Rig(*units, keep_frames=False)
     if known:
         rig.done(*(rig.submit(read_holding(unit.address, 0, 2)) for unit in units for _ in range(3)))
-    for unit in units:
-        unit.on = False
     spent: list[float] = []
     rig.owner.journal.subscribe(lambda record: spent.append(record.latency))
-    for unit in units:
-        rig.done(*(rig.submit(read_holding(unit.address, 0, 2)) for _ in range(5)))
+    lose(rig, *units)
     for after in (10.0, 3.3, 20.1, 7.77, 100.4):
         assert all(unit.reach.offline for unit in rig.owner.units)
         spent.clear()
@@ -446,8 +453,7 @@ def test_on_an_idle_bus_a_unit_that_is_back_is_found_within_two_seconds(dead: in
         job = rig.submit(read_holding(1, 0, 2))
         rig.done(job)
         assert job.outcome is Outcome.REPLY
-        units[0].on = False
-        rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(5)))
+        lose(rig, units[0])
 
 
 def test_what_was_spent_on_it_on_an_idle_bus_is_not_missing_when_others_use_the_bus() -> None:
@@ -480,9 +486,7 @@ def test_a_slow_unit_is_found_by_its_late_answer() -> None:
     unit = Switched(1)
     rig = Rig(unit, keep_frames=False)
     rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(3)))
-    unit.on = False
-    rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(5)))
-    assert rig.owner.units[1].reach.offline
+    lose(rig, unit)
     unit.turnaround = 0.09
     unit.on = True
     rig.run(2.0)
@@ -500,9 +504,7 @@ def test_one_that_comes_and_goes_is_found_again_at_once_on_an_idle_bus() -> None
     rig = Rig(unit, keep_frames=False)
     for _ in range(5):
         rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(3)))
-        unit.on = False
-        rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(5)))
-        assert rig.owner.units[1].reach.offline
+        lose(rig, unit)
         unit.on = True
         rig.run(2.0)
         assert not rig.owner.units[1].reach.offline

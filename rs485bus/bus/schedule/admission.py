@@ -207,13 +207,16 @@ class AdmissionControl:
             return self.pauses.wait(job, pause, now)
         return READY
 
-    def is_held_up_in_vain(self, job: Job, now: float) -> bool:
-        """Whether a job has waited for longer than any late reply may take: its unit goes on to leave unanswered what
-        others ask, and would keep it waiting without end."""
+    def gives_up_at(self, job: Job) -> float:
+        """Until when a job may be held up by what its unit owes: it may go on to leave unanswered what others ask, and
+        would keep it waiting without end. A read of a plain unit that has fallen silent waits no longer than for its
+        own answer."""
         if not job.held_up_since or job.internal or job.setpoint or job.slot is not None:
-            return False
-        waits = max(_HELD_UP, 3 * self._units[job.address].late_reply_window)
-        return now - max(job.held_up_since, job.sent_at) > waits
+            return _FOREVER
+        unit = self._units[job.address]
+        if job.expires_at is None and unit.attached is None and not job.request.writes and unit.is_silent_to_questions:
+            return job.held_up_since + unit.reply_times.expected(job)[1]
+        return max(job.held_up_since, job.sent_at) + max(_HELD_UP, 3 * unit.late_reply_window)
 
     def waits_for_verdict(self, job: Job) -> bool:
         """Whether a job has to wait until it is known that the adapter does not echo, or has been tried for long."""

@@ -237,6 +237,8 @@ class Selector:
         units, self._gate.held_up = self._gate.held_up, set()
         ready = None
         for unit in units:
+            if not self._is_held_up(unit):
+                continue
             job = question_for(unit, self._clock.now, functools.partial(self._is_in_the_way, unit))
             if job is None:
                 continue
@@ -245,6 +247,11 @@ class Selector:
             else:
                 self._submit(job)
         return ready
+
+    def _is_held_up(self, unit: UnitState) -> bool:
+        """Whether somebody waits still for what the unit owes. It may have answered meanwhile."""
+        waiting = self._queue.next_of(unit.address)
+        return any(unit.late.must_wait(job.request, job) for job in waiting)
 
     def _look_for(self, unit: UnitState) -> Job | None:
         """A read that only asks whether anybody answers; None if it goes once the pair was quiet for long enough, or
@@ -292,7 +299,11 @@ class Selector:
             self._drop(job, reason)
             return GONE
         until = gate.wait(job, self._clock.now)
-        if until > self._clock.now and gate.is_held_up_in_vain(job, self._clock.now):
-            self._drop(job, Reason.OWED)
-            return GONE
+        if until > self._clock.now:
+            gives_up_at = gate.gives_up_at(job)
+            if gives_up_at <= self._clock.now:
+                self._units.missed(self._units[job.address], self._clock.now)
+                self._drop(job, Reason.OWED)
+                return GONE
+            until = min(until, gives_up_at)
         return self._pipeline.wait(job) if self._pipeline.out and until == READY else until

@@ -16,6 +16,8 @@ _RETRIES = 5
 """How often a question is repeated before others have their turn."""
 _FIRST_PAUSE, _LONGEST_PAUSE, _DOUBLINGS = 0.006, 0.25, 8
 """Seconds for which a question is not repeated, twice as long each time: the unit may be busy."""
+_GIVEN_UP = 4
+"""Questions that count as unanswered where a whole request was: the unit is away or busy, and may answer each later."""
 
 
 def question_for(unit: UnitState, now: float, is_in_the_way: Callable[[Request], bool]) -> Job | None:
@@ -46,6 +48,8 @@ def question_for(unit: UnitState, now: float, is_in_the_way: Callable[[Request],
         unit.question = _new(unit, fresh)
     else:
         unit.question = _again(last, now)
+    if unit.reach.gave_up:
+        unit.question.unanswered = max(unit.question.unanswered, _GIVEN_UP)
     unit.is_questioned = True
     return unit.question
 

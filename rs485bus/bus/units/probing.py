@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from rs485bus.wire.answers import READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT
 from rs485bus.wire.frames import HIGHEST_ADDRESS, Request, read_holding, read_input
 
-SHARE = 0.02
+SHARE = 0.019
 """The part of all time that may be spent on looking for lost units; as much again on those that come and go."""
 BURST = 0.25
 """Seconds that may be spent on looking at once."""

@@ -66,6 +66,11 @@ class Reachability:
         return max(self._streak, self._doubts) >= self._longest
 
     @property
+    def gave_up(self) -> bool:
+        """Whether a request ended without an answer, and nothing was heard of it since."""
+        return self._requests > 0
+
+    @property
     def in_doubt(self) -> bool:
         """Whether it is to be asked for what it has answered before: what it left unanswered is no evidence."""
         return self._doubts >= _DOUBTS and not self.offline

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 from typing import Any, Literal
 
+from rs485bus.bus.config import BusConfig
 from rs485bus.bus.line.numbered import NumberedReplies
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.schedule.endings import Endings
@@ -130,6 +131,12 @@ class UnitState:
         self.asked_in_vain += attempts
 
     @property
+    def is_silent_to_questions(self) -> bool:
+        """Whether it left a whole request unanswered, and since also what it was asked instead of waiting."""
+        asked = self.question
+        return asked is not None and asked.unanswered > 0 and asked.sent_at > self.heard_at and self.reach.gave_up
+
+    @property
     def guarded(self) -> bool:
         """Whether a watchdog block holds it."""
         return self.ledger is not None
@@ -213,16 +220,17 @@ class UnitStates:
     """All addresses that were ever asked or attached.
 
     Args:
+        config: how the bus behaves.
         in_order: replies come in the order of the requests.
-        reply_timeout: seconds a device may take to answer, where it has no time of its own.
-        late_reply_window: seconds an unanswered request may still be answered after that.
+        late_reply_window: seconds an unanswered request may still be answered after its time.
         native: each reply tells for certain which request it answers.
     """
 
-    __slots__ = ("_idling", "_in_passing", "by_address", "doubted", "listening", "lost", "owing")
+    __slots__ = ("_idling", "_in_passing", "_offline_after", "by_address", "doubted", "listening", "lost", "owing")
 
-    def __init__(self, in_order: bool, reply_timeout: float, late_reply_window: float, *, native: bool = False) -> None:
-        self.by_address = _ByAddress(in_order, reply_timeout, late_reply_window, native)
+    def __init__(self, config: BusConfig, in_order: bool, late_reply_window: float, *, native: bool = False) -> None:
+        self._offline_after = config.offline_after
+        self.by_address = _ByAddress(in_order, config.reply_timeout, late_reply_window, native)
         self.owing: set[UnitState] = set()
         """Those that may owe a reply."""
         self.lost: set[UnitState] = set()
@@ -320,9 +328,9 @@ class UnitStates:
             flapping = sum(other.reach.flaps(now) for other in self.by_address.values())
             unit.reach.unanswered(now, listened, flapping, self._share_lost())
 
-    def missed(self, unit: UnitState, now: float, limit: int) -> None:
+    def missed(self, unit: UnitState, now: float) -> None:
         """A request to the unit ended without an answer."""
-        if unit.reach.missed(now, limit):
+        if unit.reach.missed(now, self._offline_after):
             self.lost.add(unit)
             self.doubted.discard(unit)
 

@@ -199,9 +199,14 @@ class PlanCarrier:
     # Steps
 
     async def _walk(self, plan: Plan[T], task: Task | None) -> T:
+        to_start = () if task is None else ((self, task), *task.partners)
         try:
             step = next(plan)
             while True:
+                for carrier, each in to_start:
+                    # Before the next step hides that: what it writes may be what a restart would have erased.
+                    await carrier._knowledge.see_silence(by_reference=each.target is not None)
+                to_start = () if isinstance(step, Start) else to_start
                 try:
                     outcome = await self._do(step, task)
                 except (RequestFailed, MotionError) as error:
@@ -282,15 +287,8 @@ class PlanCarrier:
     # Starts
 
     async def _start(self, step: Start, task: Task) -> bytes:
-        """Send the start, and know whether the drive took it.
-
-        Raises:
-            ReferenceLost: what was asked before the start shows that the drive has restarted. Nothing was started.
-        """
+        """Send the start, and know whether the drive took it."""
         everybody = ((self, task), *task.partners)
-        for carrier, each in everybody:
-            if each.target is not None:
-                carrier._knowledge.check_reference()
         began = self._bus.now()
         for carrier, each in everybody:
             carrier._state.ramp_stop, carrier._state.ramp_takes = step.stop, step.stopping

@@ -182,6 +182,20 @@ class AxisKnowledge:
             await self.know((Fact.STALLED, Fact.FAULT), since=enabled.at)
         self.notice_restart()
 
+    async def see_silence(self, *, by_reference: bool) -> None:
+        """Find out whether the drive has restarted, where it has left something unanswered for long enough since that
+        was asked last.
+
+        Raises:
+            ReferenceLost: it has; or positions were not to be trusted before, where it is to go `by_reference`.
+        """
+        state, lost, until = self.state, self.state.lost, self._drive.state.silent_until
+        is_older = any(state.last(fact).at < until for fact in self._drive.marks(self._axis))
+        if is_older and not state.counts_anew:
+            await self.see_restart()
+        if by_reference or state.lost != lost:
+            self.check_reference()
+
     async def see_after_silence(self, *, heard: bool) -> None:
         """Find out whether the drive has restarted, if it is heard again. Raises `ReferenceLost` if it has."""
         if heard:

@@ -40,6 +40,11 @@ class Silence:
         """It was not heard late since it last answered in time."""
         self._answered, self._lost = _FEW * (1 - _USUAL), _FEW * _USUAL
 
+    @property
+    def has_missed(self) -> bool:
+        """Whether it has left anything unanswered since it last answered."""
+        return bool(self._misses)
+
     def missed(self, sent_at: float) -> None:
         """It has not answered in its time what was sent then."""
         if len(self._misses) < _MANY:

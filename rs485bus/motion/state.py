@@ -296,6 +296,8 @@ class DriveState:
         """When it was last asked something that it answered."""
         self.gap_at = NEVER
         """When it was first heard after its last silence, in which it may have restarted."""
+        self.silent_until = NEVER
+        """The same of the last one in which it was asked, too, and did not answer."""
         self._answered_at = NEVER
         """When its last reply came."""
         self.so_by = NEVER
@@ -319,13 +321,15 @@ class DriveState:
             self.gap_at = at
             for axis in self.axes:
                 axis.was_unheard = not tells_restarts
-        was_silent = self.silence.answered(now)
+        was_asked, was_silent = self.silence.has_missed, self.silence.answered(now)
         if now > self._answered_at + FRESH:
             if at <= self.heard_at + FRESH:
                 self.gap_at = now  # the first attempt may have been made long ago, and be what is answered
             if was_silent and not tells_restarts:
                 for axis in self.axes:
                     axis.silent_since, axis.back_at, axis.back_heard_at = self._answered_at, at, now
+        if was_asked:
+            self.silent_until = self.gap_at
         took, quickest = now - at, self._quickest
         self._answered_at, self.so_by = now, at if took < quickest else now - quickest
         if took < quickest or not quickest:

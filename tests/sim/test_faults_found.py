@@ -32,3 +32,13 @@ def test_a_drive_without_an_encoder_is_not_blamed_for_steps_that_nobody_can_see_
 
 def test_a_stop_that_is_said_twice_at_once_gets_no_harder_because_an_answer_may_be_to_either() -> None:
     assert at_frames(Case("zlac", "settings-then-run"), "reply-late", slice(41, 42)) == []
+
+
+@pytest.mark.parametrize("scenario", ["move-there-and-back", "zero-and-by"])
+def test_a_drive_that_restarts_while_it_is_told_its_move_goes_nowhere_by_the_wrong_zero(scenario: str) -> None:
+    assert at_frames(Case("tlr", scenario, option="busy"), "restarted-before") == []
+
+
+@pytest.mark.parametrize("goes_on", [False, True])
+def test_a_drive_that_restarts_before_it_saves_is_asked_again_how_it_counts(goes_on: bool) -> None:
+    assert at_frames(Case("tlr", "settings-then-move", option="busy", goes_on=goes_on), "restarted-before") == []

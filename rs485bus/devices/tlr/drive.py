@@ -237,7 +237,6 @@ class TlrDrive(Drive):
         if self.keeps_target:
             yield Know((Fact.MARK,), afresh=True)
             if not self._witness.speaks:
-                self.knows_counts = False  # it may have restarted since that was asked: nothing would have told
                 yield from self.put_nothing(unlike=self.axis.value(Fact.MARK)[1])
         try:
             yield from self.writer.auxiliary(Auxiliary.ENABLE)
@@ -333,15 +332,21 @@ class TlrDrive(Drive):
         return control(self.address, ControlWord.STOP), parameters.rpm / parameters.slowing_down
 
     def _put_target(self, target: int, parameters: MotionParameters) -> Plan[None]:
-        start = min(self.start_rpm, parameters.speed_code)
-        yield from self._put_positioning(
-            start, parameters.ramp_code, parameters.slowing_code, parameters.speed_code, target
-        )
+        speed = parameters.speed_code
+        ramps = parameters.ramp_code, parameters.slowing_code
+        yield from self._put_positioning(min(self.start_rpm, speed), *ramps, speed, target)
 
-    def put_nothing(self, unlike: int) -> Plan[None]:
-        """A target without a speed: it goes nowhere, and no move is like it, nor what has `unlike` as its time up."""
-        if self.keeps_target:
-            yield from self._put_positioning(0, (unlike + 1) % r.MAX_RAMP_MS, 0, 0, 0)
+    def put_nothing(self, unlike: int) -> Plan[bool]:
+        """A target without a speed: it goes nowhere, and no move is like it, nor what has `unlike` as its time up.
+        Whether the drive has restarted since the target before that."""
+        if not self.keeps_target:
+            return False
+        spoke = self._witness.speaks
+        yield Know((Fact.MARK,), afresh=spoke)
+        restarted = spoke and not self._witness.speaks
+        self.knows_counts = self.knows_counts and spoke  # else it may have restarted since: nothing would have told
+        yield from self._put_positioning(0, (unlike + 1) % r.MAX_RAMP_MS, 0, 0, 0)
+        return restarted
 
     def _put_positioning(self, *values: int) -> Plan[None]:
         # What is there before it is written once more tells whether the drive has restarted since.

@@ -14,8 +14,9 @@ from rs485bus.devices.tlr.drive import TlrDrive
 from rs485bus.devices.tlr.frames import words, write
 from rs485bus.devices.tlr.parameters import TlrParameters
 from rs485bus.devices.tlr.values import Auxiliary, BaudRate, LimitStop, OperatingMode, SerialFormat
-from rs485bus.errors import NotSupported
+from rs485bus.errors import NotSupported, ReferenceLost
 from rs485bus.motion.axis import Axis
+from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.plan import Ask, Plan, Stand
 from rs485bus.wire.frames import MAX_ADDRESS
 from rs485bus.wire.registers import Field, Register, Repeat
@@ -122,13 +123,16 @@ class TlrSetup(Axis):
     # All of it
 
     def save(self) -> Handle[None]:
-        """Have the drive keep what it is set to when it is switched off."""
+        """Have the drive keep what it is set to when it is switched off. Raises `ReferenceLost` if it restarts then."""
 
         def plan() -> Plan[None]:
             # What is saved must not be what is written next: else a restart could not be told.
             yield from self._tlr.put_nothing(unlike=0)
             yield from self._tlr.writer.auxiliary(Auxiliary.SAVE)
-            yield from self._tlr.put_nothing(unlike=1)
+            if (yield from self._tlr.put_nothing(unlike=1)):
+                raise ReferenceLost(
+                    f"{self._tlr.name} has restarted meanwhile: set again what was set, save() that, then {LOST}"
+                )
 
         return self._parameters.order("save", plan)
 

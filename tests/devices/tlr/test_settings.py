@@ -21,7 +21,7 @@ from rs485bus.errors import DeviceRefused, LimitExceeded, NotSupported, OutcomeU
 from rs485bus.sim import Dip, SimTlr, TlrMachine, VirtualLine
 from rs485bus.wire.frames import crc
 from rs485bus.wire.registers import Register
-from tests.devices.tlr.support import TRIGGERS, lose, now, stepper_on
+from tests.devices.tlr.support import TRIGGERS, lose, now, restart_at_once, stepper_on
 from tests.integration.support import virtual
 
 
@@ -149,6 +149,16 @@ async def test_what_was_not_saved_is_gone_after_a_power_cycle(trigger: str) -> N
             await x.save()
             await power_cycle(sim)
             assert await x.read(r.INPUT_FILTER) == filtered
+
+
+@virtual
+async def test_a_drive_that_restarts_before_it_has_saved_is_not_said_to_have_saved_what_was_set() -> None:
+    sim = SimTlr()
+    async with stepper_on(sim) as x:
+        await x.inputs.set_filter(77)
+        lose(sim, r.AUXILIARY.address, heard=False, value=0x0200, after=lambda _: restart_at_once(sim))
+        with pytest.raises(ReferenceLost, match="set again what was set, save"):
+            await x.save()
 
 
 @virtual

@@ -42,3 +42,8 @@ def test_a_drive_that_restarts_while_it_is_told_its_move_goes_nowhere_by_the_wro
 @pytest.mark.parametrize("goes_on", [False, True])
 def test_a_drive_that_restarts_before_it_saves_is_asked_again_how_it_counts(goes_on: bool) -> None:
     assert at_frames(Case("tlr", "settings-then-move", option="busy", goes_on=goes_on), "restarted-before") == []
+
+
+@pytest.mark.parametrize("fault", ["request-lost", "reply-lost"])
+def test_a_jog_whose_start_was_lost_is_started_again_and_not_told_a_speed_only(fault: str) -> None:
+    assert at_frames(Case("tlr", "run-to-a-stand", option="live-jog"), fault, slice(14, 19)) == []

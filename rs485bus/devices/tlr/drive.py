@@ -279,7 +279,7 @@ class TlrDrive(Drive):
             yield Start(last, stop=last, stopping=self.axis.ramp_takes)
             return
         values = (round(rpm), parameters.ramp_code, parameters.slowing_code)
-        if self.is_jogging and self.live_jog:
+        if self.is_jogging and self.live_jog and not self.axis.stands:  # where it stands its start was lost
             yield Start(write(self.address, r.JOG.address, words(r.JOG.encode(*values))), *self._stop(parameters))
             return
         if self.axis.motion.may_move:

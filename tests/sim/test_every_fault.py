@@ -1,10 +1,12 @@
 """A share of what `python -m rs485bus.sim.every_fault` and `python -m rs485bus.sim.long_motion` run in full."""
 
+import sys
 from dataclasses import replace
 
 import pytest
 
-from rs485bus.sim.campaigns.faults.campaign import try_all
+from rs485bus.sim.campaigns.faults import campaign
+from rs485bus.sim.campaigns.faults.campaign import Found, Piece, try_all
 from rs485bus.sim.campaigns.faults.case import Case, bases, cases_of
 from rs485bus.sim.campaigns.faults.fault import FAULTS
 from rs485bus.sim.campaigns.faults.long import judged
@@ -53,3 +55,23 @@ def test_what_is_not_run_again_is_the_same_for_an_application_that_goes_on_after
             assert [str(call) for call in other.calls] == [str(call) for call in evidence.calls]
     found = try_all(cases_of(base)[::97], both=True)
     assert found.alike > found.runs / 4
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_what_fails_is_told_before_the_other_runs_have_ended(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool
+) -> None:
+    case = Case("mks", "home-and-move", faults=(("reply-lost", 3),))
+
+    def killed_at_the_second(cases: list[Case], *, both: bool) -> Found:
+        if not cases:
+            raise KeyboardInterrupt
+        return Found(runs=1, failed=[(case, "everything-ends", "a call [bold] has not")])
+
+    monkeypatch.setattr(campaign, "try_all", killed_at_the_second)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    with pytest.raises(KeyboardInterrupt):
+        campaign.run_all([Piece([case]), Piece([])], 1, show=True)
+    told = capsys.readouterr().err
+    assert str(case) in told
+    assert "    everything-ends: a call [bold] has not" in told

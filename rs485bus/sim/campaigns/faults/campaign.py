@@ -15,7 +15,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 
@@ -25,7 +25,8 @@ from rs485bus.sim.campaigns.faults.fault import FAULTS
 from rs485bus.sim.campaigns.faults.oracle import INVARIANTS
 from rs485bus.sim.campaigns.faults.scenario import SCENARIOS
 
-_CHUNK = 40
+_CHUNK = 10
+"""Runs of a piece: what they find is told when the last one has ended."""
 _OPTIONS_SHARE = 10
 """Drives that are not plain are tried with every tenth run, each scenario with other ones."""
 
@@ -121,11 +122,17 @@ def report(found: Found, seconds: float) -> str:
     lines += [f"{found.alike} more were not made: no call failed, so that going on after errors is no difference", ""]
     width = max(map(len, INVARIANTS))
     lines += [f"{name:{width}}  {by_invariant[name]:6d}  {INVARIANTS[name].sentence}" for name in INVARIANTS]
+    return "\n".join(lines + replays(found.failed, [""]))
+
+
+def replays(failed: Sequence[tuple[Case, str, str]], between: Sequence[str] = ()) -> list[str]:
+    """The command that replays each run that failed, and what was wrong with it; other lines before each."""
+    lines: list[str] = []
     seen: set[Case] = set()
-    for case, name, what in found.failed:
-        lines += ([] if case in seen else ["", str(case)]) + [f"    {name}: {what}"]
+    for case, name, what in failed:
+        lines += ([] if case in seen else [*between, str(case)]) + [f"    {name}: {what}"]
         seen.add(case)
-    return "\n".join(lines)
+    return lines
 
 
 def account(says: str, evidence: Evidence, wrong: list[tuple[str, str]]) -> str:
@@ -153,7 +160,7 @@ def account(says: str, evidence: Evidence, wrong: list[tuple[str, str]]) -> str:
 
 
 class _progress:  # noqa: N801 # a context manager
-    """How far it has come, with the time left: by rich where it is there."""
+    """What has failed, as soon as it is found, and how far it has come: by rich where it is there."""
 
     def __init__(self, total: int, show: bool) -> None:
         self._total = total
@@ -161,13 +168,15 @@ class _progress:  # noqa: N801 # a context manager
         self._show = show
         self._rich = None
         if show and sys.stderr.isatty() and importlib.util.find_spec("rich") is not None:
+            from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-            self._rich = Progress(
-                TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-            )
+            columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+            self._rich = Progress(*columns, console=Console(stderr=True))
             self._task = self._rich.add_task("runs", total=total)
         self._told = self._begun
+        self._failed = 0
+        """How much of what has failed was told."""
 
     def __enter__(self) -> _progress:
         if self._rich is not None:
@@ -179,6 +188,12 @@ class _progress:  # noqa: N801 # a context manager
             self._rich.stop()
 
     def __call__(self, found: Found) -> None:
+        for line in replays(found.failed[self._failed :]):
+            if self._rich is not None:
+                self._rich.console.print(line, markup=False, highlight=False, soft_wrap=True)
+            elif self._show:
+                print(line, file=sys.stderr, flush=True)
+        self._failed = len(found.failed)
         if self._rich is not None:
             self._rich.update(self._task, completed=found.runs + found.alike, description=f"{found.failures} failed")
         elif self._show and time.perf_counter() - self._told > 10:

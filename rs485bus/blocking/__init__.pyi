@@ -1474,7 +1474,7 @@ class TlrSetup(Axis):
         """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`. Settings queued before are done then."""
         ...
     def save(self) -> Handle[None]:
-        """Have the drive keep what it is set to when it is switched off."""
+        """Have the drive keep what it is set to when it is switched off. Raises `ReferenceLost` if it restarts then."""
         ...
     def set_baudrate(self, baudrate: BaudRate) -> Handle[None]:
         """Its baud rate while SW5 is on. When it counts is not said, as for `set_station`; open the bus at it then."""

@@ -94,9 +94,10 @@ class LossyLine(PacedLine):
         if is_late:
             self.late += 1
             starts += _nanoseconds(self._rng.uniform(lossy.late_from, lossy.late_to))
-        if is_late or varied > 2 * self._turnaround:
-            self._busy_until[unit] = starts  # it answers in the order in which it is asked
         body = self._body(frame, starts)
+        if is_late or varied > 2 * self._turnaround or starts == busy_until:
+            # It answers in the order in which it is asked, one after the other.
+            self._busy_until[unit] = starts + (len(body) + 2) * self._character + self._silence
         if chance() < lossy.replies_lost:
             self.lost += 1
             return

@@ -24,6 +24,8 @@ class StandstillDetector(ABC):
     by_position_alone = False
     """It was seen to stand by its position, and its status does not say so: it may push against what holds it. That
     will do where the stop was acknowledged."""
+    lacks_place = False
+    """Its status says that it stands, and where that is was not asked yet: there is nothing to wait for."""
 
     def stop_sent(self) -> None:
         """It was told to stop, perhaps once more: what tells soonest is asked first."""

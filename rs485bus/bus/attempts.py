@@ -107,7 +107,7 @@ class Attempts:
             self.came_late(kind, unit, request, frame)
         elif kind is not ECHO and (job := self._pair.job) is not None:
             if unit.late.owed:
-                unit.late.expire(self._clock.now)
+                unit.expire(self._clock.now)
             if kind is NORMAL:
                 undecided = job.urgency is STOP and self._is_anothers(job, unit, frame)
             else:

@@ -268,3 +268,35 @@ def test_what_was_asked_instead_is_not_asked_again_once_it_was_answered() -> Non
     rig.done(*jobs)
     assert [job.outcome for job in jobs] == [Outcome.NO_REPLY] + [Outcome.REPLY] * 3
     assert [frame[5] for at, frame in rig.sent] == [2, 2, 2, 2, 1, 1, 2, 2, 2]
+
+
+class Counting(SimUnit):
+    """A unit whose registers tell how often it was asked."""
+
+    asked = 0
+
+    def receive(self, frame: bytes, now: float) -> bytes | None:
+        self.asked += 1
+        self.registers[0] = self.asked
+        return super().receive(frame, now)
+
+
+@pytest.mark.parametrize("second", [2, 3, 4, 5, 6])
+def test_a_unit_that_is_late_with_what_it_was_asked_while_it_was_late_answers_nothing_else_by_it(second: int) -> None:
+    """It queues what it is asked: what it answers last comes twice as late as a reply comes else."""
+    unit = Counting(1, dict.fromkeys(range(64), 0))
+    rig = Rig(unit)
+    rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(3)))
+    heard = iter(range(1, 1000))
+
+    def treat(frame: bytes, now: float) -> Treatment:
+        number = next(heard)
+        return Treatment(delay=0.55 if number == 1 else 1.1) if number in (1, second) else PLAIN
+
+    rig.pair.script = treat
+    for _ in range(200):
+        asked = unit.asked
+        rig.done(job := rig.submit(read_holding(1, 0, 2)))
+        assert job.outcome is not Outcome.REPLY or registers(job.reply)[0] > asked
+        rig.run(0.01)
+    assert job.outcome is Outcome.REPLY

@@ -102,6 +102,11 @@ class PendingReplies:
         if self._heard:
             self._heard = {frame: heard for frame, heard in self._heard.items() if heard.until > now}
 
+    def prolong(self, until: float, most: float) -> None:
+        """None came yet: they may arrive until the time given, but not longer than `most` after they were asked for."""
+        for owed in self.owed:
+            owed.until = max(owed.until, min(until, owed.sent_at + most))
+
     @property
     def are_settled_by_answers(self) -> bool:
         """Whether an answer to something sent later proves that some of them will never come."""

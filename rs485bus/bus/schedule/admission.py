@@ -18,6 +18,8 @@ from rs485bus.wire.frames import MAX_FRAME, Request
 _FOREVER = float("inf")
 _HELD_UP = 5.0
 """Seconds, at least, for which a job waits for late replies of its unit to end."""
+_ATTEMPTS = 3
+"""Reply timeouts for which a read is held up whose unit leaves questions unanswered: it takes as long to miss one."""
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 
 
@@ -195,7 +197,7 @@ class AdmissionControl:
         if self._echo.verdict is None and self.waits_for_verdict(job):
             return _FOREVER
         if unit.late.owed and not (job.ignores_late_replies or (job.weighed >= 0 and not unit.late.in_order)):
-            unit.late.expire(now)
+            unit.expire(now)
             if (until := unit.late.must_wait(job.request, job)) > now:
                 self.held_up.add(unit)
                 job.held_up_since = job.held_up_since or now
@@ -209,13 +211,14 @@ class AdmissionControl:
 
     def gives_up_at(self, job: Job) -> float:
         """Until when a job may be held up by what its unit owes: it may go on to leave unanswered what others ask, and
-        would keep it waiting without end. A read of a plain unit that has fallen silent waits no longer than for its
-        own answer."""
+        would keep it waiting without end. A read of a plain unit that leaves questions unanswered waits no longer than
+        it takes to miss it; where that has happened already, no longer than for its own answer."""
         if not job.held_up_since or job.internal or job.setpoint or job.slot is not None:
             return _FOREVER
         unit = self._units[job.address]
-        if job.expires_at is None and unit.attached is None and not job.request.writes and unit.is_silent_to_questions:
-            return job.held_up_since + unit.reply_times.expected(job)[1]
+        if job.expires_at is None and unit.attached is None and not job.request.writes and unit.leaves_questions:
+            expected = unit.reply_times.expected(job)[1] if unit.reach.gave_up else _ATTEMPTS * unit.reply_timeout
+            return job.held_up_since + expected
         return max(job.held_up_since, job.sent_at) + max(_HELD_UP, 3 * unit.late_reply_window)
 
     def waits_for_verdict(self, job: Job) -> bool:

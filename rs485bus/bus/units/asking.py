@@ -33,7 +33,8 @@ def question_for(unit: UnitState, now: float, is_in_the_way: Callable[[Request],
         now: the time.
         is_in_the_way: whether a question, while it is owed an answer, would keep waiting who waits for the unit.
     """
-    if unit.is_questioned or unit.reach.silent or unit.reach.offline or unit.halt is not None:
+    silent = unit.reach.silent and not unit.is_silent_to_questions  # else nothing but what it is asked here finds out
+    if unit.is_questioned or silent or unit.reach.offline or unit.halt is not None:
         return None  # one that is being stopped is asked anyway
     last, reads = unit.question, [read for read in _harmless(unit) if not is_in_the_way(read)]
     fresh = next((request for request in reads if not unit.late.must_wait(request)), None)

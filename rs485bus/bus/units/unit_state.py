@@ -131,10 +131,22 @@ class UnitState:
         self.asked_in_vain += attempts
 
     @property
-    def is_silent_to_questions(self) -> bool:
-        """Whether it left a whole request unanswered, and since also what it was asked instead of waiting."""
+    def leaves_questions(self) -> bool:
+        """Whether it was heard no more since it left unanswered what it was asked instead of waiting."""
         asked = self.question
-        return asked is not None and asked.unanswered > 0 and asked.sent_at > self.heard_at and self.reach.gave_up
+        return asked is not None and asked.unanswered > 0 and asked.sent_at > self.heard_at
+
+    @property
+    def is_silent_to_questions(self) -> bool:
+        """The same, and it left a whole request unanswered before."""
+        return self.reach.gave_up and self.leaves_questions
+
+    def expire(self, now: float) -> None:
+        """Forget what can arrive no more. A plain unit that is silent may be at what it was asked first: what it was
+        asked since comes after that, later than replies come else."""
+        if self.attached is None and self.leaves_questions:
+            self.late.prolong(now + self.late_reply_window, _LONGEST_WINDOW)
+        self.late.expire(now)
 
     @property
     def guarded(self) -> bool:
@@ -252,7 +264,7 @@ class UnitStates:
         if not self.owing:
             return []
         for unit in self.owing:
-            unit.late.expire(now)
+            unit.expire(now)
         self.owing = {unit for unit in self.owing if unit.late}
         return [unit.late for unit in self.owing]
 

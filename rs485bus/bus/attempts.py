@@ -135,7 +135,7 @@ class Attempts:
         is_the_only_one = unit.late.count(request, frame) == 1
         if (since := unit.late.arrived(request, frame)) is not None:
             if unit.attached is not None and latest > NEVER:
-                unit.attached.on_late_reply(latest)
+                unit.tell(unit.attached.on_late_reply, latest)
             self._feeding.heard(unit.address, since, late=True)
             if is_the_only_one:
                 took = self._clock.now - since
@@ -143,8 +143,7 @@ class Attempts:
                 self._pair.host.came_late(took - self._pair.line.airtime(len(frame)) - unit.reply_times.longest)
             if waiting is not None and (self.lingering.leaves(waiting) or self._queue.remove(waiting)):
                 waiting.answered_since, waiting.reply = since, frame
-                if unit.attached is not None:
-                    unit.attached.on_reply(request, frame, since, self._clock.now)
+                unit.tell_reply(request, frame, since, self._clock.now)
                 self._end(waiting, Outcome.REPLY)
 
     def _answered(self, job: Job, unit: UnitState, kind: Kind, frame: bytes) -> None:
@@ -191,7 +190,7 @@ class Attempts:
         if unit.attached is not None:
             asked_at = unit.late.asked_in_turn(job, since) if unit.late.owed else since
             if asked_at > NEVER:
-                unit.attached.on_reply(request, frame, asked_at, now)
+                unit.tell_reply(request, frame, asked_at, now)
         if job.weighed < 0 or since >= job.queued_at or not self._is_asked_again(job, unit):
             self._end(job, REPLY)
 
@@ -235,7 +234,7 @@ class Attempts:
         owed_until = max(self._pair.owed_until, self._clock.now)
         unit.unheard(job.sent_at)
         if unit.attached is not None and how != "cut":
-            unit.attached.on_unanswered(job.sent_at)
+            unit.tell(unit.attached.on_unanswered, job.sent_at)
         self._units.owes(unit, job, owed_until)
         self.note(job, frame, how, self._clock.now)
         if not job.request.writes:

@@ -252,7 +252,7 @@ class Owner:
                 self.stops.trip(watch, "the port was lost")
             elif unit.attached is not None:
                 unit.attached.motion.stop()
-                unit.attached.interrupted(0.0, "the port was lost")
+                unit.tell(unit.attached.interrupted, 0.0, "the port was lost")
             if unit.halt is not None:
                 self.stops.report_if_away(unit.halt)
 

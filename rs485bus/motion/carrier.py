@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass, field
+import logging
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import anyio
 
 from rs485bus.bus.bus import Bus
-from rs485bus.bus.schedule.burst import BurstSlot
 from rs485bus.errors import (
     BusError,
     DeviceOffline,
@@ -28,7 +27,6 @@ from rs485bus.motion.diagnosis import not_seen_standing
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.look_budget import SILENT
-from rs485bus.motion.move import Move
 from rs485bus.motion.plan import (
     AnswersAgain,
     Ask,
@@ -48,10 +46,13 @@ from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.task import Task
 from rs485bus.motion.upkeep import answers_again, insist, keep_fed, others_stand
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
 
 _ATTEMPTS = 3
 _PATIENCE = 2.0
@@ -59,38 +60,6 @@ _PATIENCE = 2.0
 _ASK_AGAIN = 0.02
 _TOO_SHORT = 4
 """A way of less than so many times what a standing axis may seem to move is not to be seen."""
-
-
-@dataclass(slots=True)
-class Task:
-    """A command that sets the axis in motion, as far as it has come."""
-
-    move: Move
-    start: int | None = None
-    """Where it begins, in counts."""
-    target: int | None = None
-    """Where it goes."""
-    rpm: float | None = None
-    """The speed that it is to have, for a run."""
-    before: float = 0.0
-    """The speed that it had, in rpm."""
-    slot: BurstSlot | None = None
-    """When its start is sent, if not at once."""
-    under_way: bool = False
-    """It only changes a move that is under way."""
-    begun: bool = False
-    """Its start was sent."""
-    lost: str = ""
-    """Why its positions were not to be trusted then."""
-    ended: Callable[[Ended], Awaitable[None]] | None = None
-    """Waits for the end of a routine of the drive's own."""
-    partners: tuple[tuple[PlanCarrier, Task], ...] = ()
-    """Other axes of the drive that the same plan sets in motion."""
-    since: float | None = field(init=False)
-    """When its move began, where this only changes or ends what goes on."""
-
-    def __post_init__(self) -> None:
-        self.since = self.move.started_at
 
 
 class _NotTaken(Exception):
@@ -189,6 +158,9 @@ class PlanCarrier:
             await anyio.sleep(max(0.0, settled - self._bus.now()))
             stands = await self._knowledge.stands() and state.standstill.confirmed
         except BusError:
+            stands = False
+        except Exception:
+            _log.exception("%s: it cannot be judged whether it stands", self._name)
             stands = False
         self._supervisor.leave(self._axis)
         if not stands or state.standstill.until < settled or state.value(Fact.STALLED):

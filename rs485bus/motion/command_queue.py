@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import copy
 import itertools
+import logging
 from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
@@ -16,6 +17,8 @@ from rs485bus.motion.move import Move
 from rs485bus.wire.frames import is_read
 
 T = TypeVar("T")
+
+_log = logging.getLogger("rs485bus")
 
 MAX_QUEUED = 64
 """Commands that may wait on one axis."""
@@ -203,13 +206,18 @@ class CommandQueue:
                 try:
                     result = await carry_out()
                 except Exception as error:
+                    unsafe = not isinstance(error, BusError)
                     if isinstance(error, BusError):
-                        error = _of_a_motion(handle, error, stopped=await self._make_safe(handle))
+                        try:
+                            error = _of_a_motion(handle, error, stopped=await self._make_safe(handle))
+                        except Exception:
+                            _log.exception("%s: it cannot be seen to what %s has led", self._name, handle.what)
+                            unsafe = True
                     self._current = None
                     self._failed = handle
                     handle.fail(error)
                     self._cancel_waiting(MoveCancelled(f"Cancelled: {handle.what} failed before it ({error})."))
-                    if not isinstance(error, BusError):
+                    if unsafe:
                         self._stop()  # what it had begun would go on, and nobody would look at it
                 else:
                     self._current = None

@@ -25,6 +25,10 @@ from rs485bus.motion.state import Fact
 FOUND_OUT = 2 * SILENT
 """Intervals in which it must be found out. What the drive has not told by then is left out: it may never tell it."""
 LOST = "home() it or set_zero() first."
+UNSEEN = (
+    "It was told to stop and could not be seen standing. Look at the machine; use the hard-wired emergency stop. It "
+    "moves only after enable()."
+)
 _LATER = (Fact.RUNNING, Fact.POSITION, Fact.LIMIT)
 """What is asked after all others: most is decided without the last one, and then the position is new enough to see that
 the axis stands."""

@@ -317,11 +317,14 @@ class Drive(DeviceAdapter):
         return StopJudge(self, axes or range(len(self.state.axes)))
 
     def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
+        self.state.misunderstood = None
         try:
             told = () if request.writes else self.decode(request, reply)
             self.state.hear(asked_at, now, told, tells_restarts=self.tells_restarts)
-        except Exception:
-            _log.exception("%s: what was told of it by %s could not be understood", self.name, reply.hex(" "))
+        except Exception as error:
+            self.state.misunderstood = error
+            self.state.silence.missed(asked_at)  # it tells no more than silence does
+            raise
 
     def on_unanswered(self, sent_at: float) -> None:
         self.state.silence.missed(sent_at)

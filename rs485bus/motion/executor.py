@@ -23,8 +23,9 @@ from rs485bus.errors import (
     NotEnabled,
     RearmRequired,
 )
-from rs485bus.motion.carrier import PlanCarrier, Task
+from rs485bus.motion.carrier import PlanCarrier
 from rs485bus.motion.courses import Course, MoveCourse, Verdict
+from rs485bus.motion.diagnosis import UNSEEN
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
 from rs485bus.motion.joint import Joint, Part, PlanOfAll
@@ -37,16 +38,14 @@ from rs485bus.motion.reference import Reference
 from rs485bus.motion.retargeting import Change, Retargeting
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
-from rs485bus.motion.supervisor import Supervisor, Told
+from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.task import Task
+from rs485bus.motion.watched import Told
 
 _WATCH = 0.06
 """Seconds between two looks at an axis on which others depend."""
 _LATE = 0.02
 """Seconds after its start was sent in which a drive can begin to move, at most."""
-_UNSEEN = (
-    "It was told to stop and could not be seen standing. Look at the machine; use the hard-wired emergency stop. It "
-    "moves only after enable()."
-)
 
 
 class MoveExecutor:
@@ -359,7 +358,7 @@ class MoveExecutor:
                 standing = await self._stops.block("its drive stopped answering", until_standing=True)
                 await self.knowledge.see_after_silence(heard=standing)
                 if not standing:
-                    error = MoveFailed(f"{error} {_UNSEEN}")
+                    raise MoveFailed(f"{error} {UNSEEN}") from error
             else:
                 # One that was not seen to move may start after all.
                 await self._carrier.stop_after(error, surely=not self._state.standstill.has_moved)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
-from contextlib import suppress
+import logging
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,14 +12,16 @@ import anyio
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import settle
-from rs485bus.bus.schedule.job import Urgency
-from rs485bus.errors import DeviceRefused, NoReply, ReferenceLost, RequestFailed
+from rs485bus.bus.schedule.job import Job, Urgency
+from rs485bus.errors import BusError, DeviceRefused, NoReply, ReferenceLost, RequestFailed
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import FRESH, AxisState, Fact
 from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import Request
+
+_log = logging.getLogger("rs485bus")
 
 _LOOK_AGAIN = 0.005
 _ROUND = 1.5
@@ -98,6 +100,20 @@ class Questions:
         reading = self._drive.reading(fact, lambda request: not late.must_wait(request)) or self._drive.reading(fact)
         assert reading is not None
         return reading.request
+
+    def for_a_look(self, fact: Fact, unanswered: Mapping[bytes, Job]) -> tuple[Request, bool]:
+        """What to ask for a fact; where a late reply could be taken for its answer, something else. And whether that
+        tells it. What was `unanswered` may be sent again."""
+        late = self._bus.owner.units[self._drive.address].late
+
+        def free(request: Request) -> bool:
+            return not late.in_order or not late.must_wait(request, unanswered.get(request.adu))
+
+        reading = self._drive.reading(fact, free)
+        if reading is not None:
+            return reading.request, True
+        others = (*(each.request for each in self._drive.readings), *self._drive.reads())
+        return next((request for request in others if free(request)), others[0]), False
 
 
 class AxisKnowledge:
@@ -199,8 +215,15 @@ class AxisKnowledge:
     async def see_after_silence(self, *, heard: bool) -> None:
         """Find out whether the drive has restarted, if it is heard again. Raises `ReferenceLost` if it has."""
         if heard:
-            with suppress(RequestFailed):
+            try:
                 await self.see_restart()
+            except RequestFailed:
+                pass
+            except BusError:
+                raise
+            except Exception:
+                _log.exception("%s: it cannot be judged whether its drive has restarted", self._name)
+            else:
                 self.check_reference()
                 return
         if not self._drive.tells_restarts:

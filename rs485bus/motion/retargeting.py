@@ -9,7 +9,7 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MotionError, MoveCancelled, OutcomeUnknown, RequestFailed
-from rs485bus.motion.carrier import PlanCarrier, Task
+from rs485bus.motion.carrier import PlanCarrier
 from rs485bus.motion.courses import MoveCourse
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
@@ -17,6 +17,7 @@ from rs485bus.motion.move import Move
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.profile import seconds_to
 from rs485bus.motion.state import FRESH, Fact
+from rs485bus.motion.task import Task
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ import anyio
 
 from rs485bus.bus.bus import Bus
 from rs485bus.errors import BusError, LimitReached, MotionError, MoveFailed
-from rs485bus.motion.carrier import Task
 from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.executor import MoveExecutor
@@ -26,6 +25,7 @@ from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
+from rs485bus.motion.task import Task
 
 _WAY, _WAY_TIME = 0.05, 0.1
 """By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import enum
 import functools
-from collections.abc import Callable, Iterable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rs485bus.bus.units.motion import Motion
 from rs485bus.motion.silence import Silence
 from rs485bus.motion.standstill import NEVER, Standstill, StandstillRule
 from rs485bus.wire.frames import Request
+
+_log = logging.getLogger("rs485bus")
 
 _FOREVER = float("inf")
 _STAYS = 0.2
@@ -306,13 +309,20 @@ class DriveState:
         self._quickest = 0.0
         """The fewest seconds in which it has answered anything."""
         self.silence = Silence()
+        self.misunderstood: Exception | None = None
+        """Why its last reply could not be understood."""
+        self._unheeded: Exception | None = None
+        self._has_failed = False
+        """That was logged."""
+        self._told: Sequence[Facts] = ()
+        """What its last reply told."""
         self._listeners: list[Callable[[], None]] = []
 
     def listen(self, listener: Callable[[], None]) -> None:
         """Call back after every reply, and after every frame that changes something."""
         self._listeners.append(listener)
 
-    def hear(self, at: float, now: float, told: Iterable[Facts], *, tells_restarts: bool = True) -> None:
+    def hear(self, at: float, now: float, told: Sequence[Facts], *, tells_restarts: bool = True) -> None:
         """A reply told these facts, of each axis. It came now, and was asked for at a time or later.
 
         Where the drive does not tell its restarts, and was silent for a while, where it is next is held against that.
@@ -336,10 +346,15 @@ class DriveState:
             self._quickest = took
         if at > self.heard_at:
             self.heard_at = at
+        self._told = told
         for axis, facts in zip(self.axes, told, strict=False):
             if facts:
                 axis.learn(facts, at, now, self.so_by)
         self.tell()
+
+    def was_told(self, fact: Fact, now: float) -> bool | None:
+        """Whether the reply that came now told a fact of any axis; None if none did that is known to be new."""
+        return any(fact in facts for facts in self._told) if self._answered_at == now else None
 
     def hear_late(self, sent_at: float) -> None:
         """A late reply came, to what was sent then at the latest: it shows for how long the drive has gone on."""
@@ -354,4 +369,14 @@ class DriveState:
     def tell(self) -> None:
         """Something has changed."""
         for listener in self._listeners:
-            listener()
+            try:
+                listener()
+            except Exception as error:
+                if not self._has_failed:
+                    _log.exception("who was to be told of a drive failed")
+                self._unheeded, self._has_failed = error, True
+
+    def take_unheeded(self) -> Exception | None:
+        """Why somebody has failed who was told of it since this was last asked: he may have missed what matters."""
+        unheeded, self._unheeded = self._unheeded, None
+        return unheeded

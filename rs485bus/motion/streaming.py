@@ -20,6 +20,7 @@ from rs485bus.motion.state import Fact
 from rs485bus.motion.terms import Speeds, Terms
 from rs485bus.motion.told import Told
 from rs485bus.motion.turns import Haste, Turns
+from rs485bus.motion.wake import Wake
 from rs485bus.wire.frames import Request
 
 STEP = 0.04
@@ -102,7 +103,8 @@ class Streamer:
         self._not_before = NEVER
         self._again_at = NEVER
         """When the drive is told once more what it may not have heard, if there is nothing newer."""
-        self._wakes_at, self._over = _FOREVER, False
+        self._wake = Wake(bus, self._go_on)
+        self._over = False
         for state in self._states:
             state.ramp_stop = self._frames(self._zero)[-1]
         self._go_on()
@@ -147,7 +149,7 @@ class Streamer:
     def hold(self, seconds: float) -> None:
         """Tell nothing for a while."""
         self._not_before = self._bus.now() + seconds
-        self._wake_at(self._not_before)
+        self._wake.at(self._not_before)
 
     def insist(self) -> None:
         """Say it again: it was seen not to have been heard."""
@@ -171,7 +173,7 @@ class Streamer:
         if self._over:
             return
         if (now := self._bus.now()) < self._not_before:
-            self._wake_at(self._not_before)  # it may have been woken for something else
+            self._wake.at(self._not_before)  # it may have been woken for something else
             return
         target = self._target(now)
         step, told = self._step(target, now), self.told
@@ -180,9 +182,9 @@ class Streamer:
             self._job.yields_until = self._yields_until  # what it is to say is seen when its turn comes
         elif step == told.speeds and is_known:
             self._is_new = False
-            self._wake_at(min(self._changes_at(now, step != target), _FOREVER if told.sure else self._again_at))
+            self._wake.at(min(self._changes_at(now, step != target), _FOREVER if told.sure else self._again_at))
         elif step != target and not self._is_new and is_known and now < told.at + STEP - 1e-6:
-            self._wake_at(told.at + STEP)
+            self._wake.at(told.at + STEP)
         else:
             self._tell(step, now)
 
@@ -264,7 +266,7 @@ class Streamer:
             # The drive cannot be told so small a step.
             told.speeds, told.at, self._is_new = speeds, now, False
             self._heard = speeds
-            self._wake_at(now + STEP)
+            self._wake.at(now + STEP)
             return
         self._is_unmistakable, self._has_begun, self._is_renewed = True, False, False
         self._take(self._frames(speeds, afresh=not told.sure), speeds)
@@ -385,15 +387,6 @@ class Streamer:
             return now + STEP if on_its_way else _FOREVER
         limited = self._terms.limits and any(self._wanted)
         return min(self._expires_at, now + STEP if on_its_way or limited else _FOREVER)
-
-    def _wake_at(self, when: float) -> None:
-        if when < self._wakes_at - 1e-4 and when < _FOREVER:
-            self._wakes_at = when
-            self._bus.call_at(when, self._wake)
-
-    def _wake(self) -> None:
-        self._wakes_at = _FOREVER
-        self._go_on()
 
 
 def _scaled(speeds: Speeds, by: float) -> Speeds:

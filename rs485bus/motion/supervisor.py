@@ -7,16 +7,14 @@ and whether anybody waits for it or not. Replies to others count: only what woul
 from __future__ import annotations
 
 import functools
-import math
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from rs485bus.arguments import instance
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
-from rs485bus.bus.units.loss import share_lost
-from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.stopping.halt import Halt
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
 from rs485bus.motion.courses import Course, Verdict
@@ -24,49 +22,22 @@ from rs485bus.motion.diagnosis import FOUND_OUT, diagnose, in_order, is_decided,
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
-from rs485bus.motion.look_budget import SHARE, SILENT, LookBudget, LookTime
+from rs485bus.motion.look_budget import SILENT, LookBudget, LookTime
+from rs485bus.motion.look_outcomes import LookOutcomes
 from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.plan_lock import PlanLock
 from rs485bus.motion.standstill import NEVER
-from rs485bus.motion.state import AxisState, Fact
-from rs485bus.wire.frames import Request
+from rs485bus.motion.state import Fact
+from rs485bus.motion.wake import Wake
+from rs485bus.motion.watched import Told, Watched
 
-_MISSES = 4
-"""How many looks must have been without an answer then, at least, however long the drive may take for one."""
-_UNLIKELY = math.log(1e-6)
-"""How unlikely it must be that the line has lost them all."""
+_log = logging.getLogger("rs485bus")
+
 _SHOWN = 0.02
 """Seconds after which a drive that has stopped says why."""
-_PAUSE = 0.05
-"""The longest pause, in seconds, before a drive that does not answer is asked again."""
 _AGAIN = 0.05
 """Seconds after which it is seen whether a stop has ended; or a look that must wait for a late reply gives way."""
 _FOREVER = float("inf")
-
-Told = Callable[[Verdict, MotionError | None], None]
-"""Called when a course has reached its speed, has ended, or failed of an error."""
-
-
-@dataclass(slots=True)
-class _Watched:
-    """One axis of a drive."""
-
-    state: AxisState
-    name: str
-    on_trouble: Callable[[MotionError], None]
-    tell: Callable[[EventKind, str], None]
-    changes: Changes
-    course: Course | None = None
-    told: Told | None = None
-    doubted_at: float | None = None
-    doubted_until: float = _FOREVER
-    """Since when it is being found out what is wrong; and until when, whatever the drive has not told by then."""
-    lost: str = ""
-    """Why its positions were not to be trusted when that was last looked at."""
-    silent: bool = False
-    """It was told that its drive does not answer."""
-    starting: bool = False
-    """Somebody is about to start or to stop it, and looks at it meanwhile."""
 
 
 class Supervisor:
@@ -81,7 +52,7 @@ class Supervisor:
         self._bus = instance("bus", bus, Bus, "await open_bus(...)")
         self._drive = drive
         self._budget = bus.keep(LookBudget, lambda: LookBudget(bus.config.supervision))
-        self._watched: dict[int, _Watched] = {}
+        self._watched: dict[int, Watched] = {}
         self.plans = PlanLock()
         """Held while a plan of the drive is carried out."""
         self.questions = Questions(bus, drive)
@@ -89,11 +60,13 @@ class Supervisor:
         self._unanswered: dict[bytes, Job] = {}
         """Looks that were not answered, by their frames. The same one may be sent again where an equal one must wait,
         lest the late answer to the first is taken for its own."""
-        self._timer_at = _FOREVER
-        self._rotated_at = self._not_before = NEVER
-        self._misses = 0
+        self._wake = Wake(bus, self.review)
+        self._rotated_at = NEVER
+        self._outcomes = LookOutcomes()
         self._missed: Fact | None = None
         """What the last look was for, where that was not told: it gives way to whatever else is due."""
+        self._must_tell: Fact | None = None
+        """What the answer to it must tell."""
         self._since = NEVER
         """Since when it is looked at."""
         times = bus.owner.units[drive.address].reply_times
@@ -106,7 +79,7 @@ class Supervisor:
         """Look at an axis from now on, whenever it may move. `on_trouble` is called where nobody waits for its end;
         `tell` of what happens to it."""
         state = self._drive.state.axes[axis]
-        self._watched[axis] = _Watched(state, name, on_trouble, tell, Changes(state, tell))
+        self._watched[axis] = Watched(state, name, on_trouble, tell, Changes(state, tell))
 
     def check_room(self, name: str) -> None:
         """Raise `LimitExceeded` where there is no room on the wire to look at this drive, too, while it moves."""
@@ -155,28 +128,15 @@ class Supervisor:
 
     def review(self) -> None:
         """Something is known that was not, or may be so no more."""
-        active = False
+        active, unheeded = False, self._drive.state.take_unheeded()
         for axis, watched in self._watched.items():
-            watched.state.suspect(self._drive.restarted(axis))
-            watched.changes.look()
-            self._tell_of_restart(watched)
-            if watched.course is not None and watched.course.goes_on and not watched.state.motion.may_move:
-                course, told = watched.course, watched.told
-                self.leave(axis)  # it was stopped, and seen standing
-                if told is not None and not course.reached:
-                    told(Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
-            if watched.silent and self._drive.state.heard_at > self._since:
-                watched.silent = False
-                watched.tell(EventKind.BACK, "its drive answers again")
-            if watched.starting or (watched.course is None and not self._may_move(axis, watched)):
-                continue
-            active = True
-            halt = self._bus.owner.units[self._drive.address].halt
-            if halt is None or halt.motion not in (watched.state.motion, self._drive.motion):
-                self._judge(axis, watched, self._bus.now())
-            elif halt.failed and watched.course is not None and not watched.course.goes_on:
-                error = f"{watched.name} was stopped during {watched.course.what}, and could not be seen standing."
-                self._end(axis, watched, Verdict.DOUBTFUL, MoveFailed(error))  # nobody waits longer for that
+            try:
+                if unheeded is not None:
+                    raise unheeded
+                active = self._review(axis, watched) or active
+                watched.unjudged = False
+            except Exception as error:
+                self._cannot_judge(axis, watched, error)
         if not active:
             self._rest()
             return
@@ -185,7 +145,48 @@ class Supervisor:
             self._budget.enter(self, self._look_time.seconds)
         self._look()
 
-    def _tell_of_restart(self, watched: _Watched, *, perhaps: bool = False) -> None:
+    def _review(self, axis: int, watched: Watched) -> bool:
+        """The same, of one axis. Whether it is to be looked at."""
+        watched.state.suspect(self._drive.restarted(axis))
+        watched.changes.look()
+        self._tell_of_restart(watched)
+        if watched.course is not None and watched.course.goes_on and not watched.state.motion.may_move:
+            told = None if watched.course.reached else watched.told
+            why = None if told is None else self._diagnose(axis, watched, watched.course)
+            self.leave(axis)  # it was stopped, and seen standing
+            if told is not None:
+                told(Verdict.DOUBTFUL, why)
+        if watched.silent and self._drive.state.heard_at > self._since:
+            watched.silent = False
+            watched.tell(EventKind.BACK, "its drive answers again")
+        if watched.starting or (watched.course is None and not self._may_move(axis, watched)):
+            return False
+        halt = self._halt_of(watched)
+        if halt is None:
+            self._judge(axis, watched, self._bus.now())
+        elif halt.failed and watched.course is not None and not watched.course.goes_on:
+            error = f"{watched.name} was stopped during {watched.course.what}, and could not be seen standing."
+            self._end(axis, watched, Verdict.DOUBTFUL, MoveFailed(error))  # nobody waits longer for that
+        return True
+
+    def _halt_of(self, watched: Watched) -> Halt | None:
+        """What stops it, if it is being stopped."""
+        halt = self._bus.owner.units[self._drive.address].halt
+        return halt if halt is not None and halt.motion in (watched.state.motion, self._drive.motion) else None
+
+    def _cannot_judge(self, axis: int, watched: Watched, error: Exception) -> None:
+        """The family's own code failed where it was to tell of an axis, or what to ask: it is stopped if it moves."""
+        if not watched.unjudged:
+            _log.error("%s: what its drive tells cannot be judged", watched.name, exc_info=error)
+        watched.unjudged = True
+        if watched.course is None and (watched.starting or not watched.state.motion.may_move):
+            return
+        if watched.told is not None or self._halt_of(watched) is None:
+            failed = MoveFailed(f"{watched.name}: what it does cannot be judged, so that it was ended: {error!r}.")
+            failed.__cause__ = error
+            self._end(axis, watched, Verdict.DOUBTFUL, failed)
+
+    def _tell_of_restart(self, watched: Watched, *, perhaps: bool = False) -> None:
         """Tell the owner that the drive has started anew, or `perhaps` has: its watchdog may be off."""
         told, watched.lost = watched.lost, watched.state.lost
         is_lost = watched.lost not in (told, "", watched.state.distrusted)
@@ -194,7 +195,7 @@ class Supervisor:
         if is_lost:
             watched.tell(EventKind.RESTART, watched.lost)
 
-    def _may_move(self, axis: int, watched: _Watched) -> bool:
+    def _may_move(self, axis: int, watched: Watched) -> bool:
         state, motion, drive = watched.state, watched.state.motion, self._drive
         if not motion.may_move:
             if state.stands is not False or not state.value(Fact.RUNNING):
@@ -206,7 +207,7 @@ class Supervisor:
         watched.course = ForeignCourse("motion", state, motion.commanded_at, drive.start_grace, proof=proof)
         return True
 
-    def _judge(self, axis: int, watched: _Watched, now: float) -> None:
+    def _judge(self, axis: int, watched: Watched, now: float) -> None:
         course = watched.course
         assert course is not None
         verdict = course.judge()
@@ -229,7 +230,7 @@ class Supervisor:
             else:
                 watched.doubted_at = None
 
-    def _doubt(self, axis: int, watched: _Watched, course: Course, now: float) -> None:
+    def _doubt(self, axis: int, watched: Watched, course: Course, now: float) -> None:
         """Find out what is wrong."""
         if watched.doubted_at is None:
             # What was asked while it stood already tells as much as what is asked now.
@@ -242,13 +243,13 @@ class Supervisor:
         if watched.course is course and is_over:
             self._end(axis, watched, Verdict.DOUBTFUL, self._diagnose(axis, watched, course))
 
-    def _diagnose(self, axis: int, watched: _Watched, course: Course) -> MotionError:
+    def _diagnose(self, axis: int, watched: Watched, course: Course) -> MotionError:
         cause = possible_cause(self._bus.owner, self._drive)
         if suspect_restart(self._drive, axis, course, cause):
             self._tell_of_restart(watched, perhaps=True)
         return diagnose(self._drive, axis, watched.name, course, cause)
 
-    def _end(self, axis: int, watched: _Watched, verdict: Verdict, error: MotionError | None) -> None:
+    def _end(self, axis: int, watched: Watched, verdict: Verdict, error: MotionError | None) -> None:
         if watched.course is not None and error is not None:
             watched.course.failed()
         told, watched.course, watched.told, watched.doubted_at = watched.told, None, None, None
@@ -271,23 +272,38 @@ class Supervisor:
 
     def _look(self) -> None:
         """Ask for what is due, or come back when something is."""
+        try:
+            self._ask_what_is_due()
+        except Exception as error:
+            for axis, watched in self._watched.items():
+                if watched.course is not None:
+                    self._cannot_judge(axis, watched, error)
+
+    def _ask_what_is_due(self) -> None:
         owner, now = self._bus.owner, self._bus.now()
         unit = owner.units[self._drive.address]
         if self._job is not None or owner.gate.closed:
             return
         if unit.halt is not None or not owner.gate.connected:
-            self._wake_at(now + _AGAIN)  # who stops it looks at it
+            self._wake.at(now + _AGAIN)  # who stops it looks at it
             return
-        unheard = now - max(self._drive.state.heard_at, self._since)
-        if self._misses >= self._in_vain(unit) and unheard > SILENT * max(self._interval(), unit.reply_timeout):
-            self._fell_silent()
+        patience = SILENT * max(self._interval(), unit.reply_timeout)
+        unheard, untold = self._outcomes.in_vain(unit.reach.loss.counts)
+        if unheard and now - max(self._drive.state.heard_at, self._since) > patience:
+            self._fell_silent("stopped answering")
+            return
+        told_at = min(watched.told_where_at(self._drive.telling) for watched in self._watched.values())
+        if untold and now - max(told_at, self._since) > patience:
+            self._fell_silent("did not tell where it is")
             return
         unit.late.expire(now)
         when, fact = self._next(now)
-        if max(when, self._not_before) > now:
-            self._wake_at(max(when, self._not_before))
+        when = max(when, self._outcomes.not_before)
+        if when > now:
+            self._wake.at(when)
             return
-        request = self._free(fact)
+        request, tells = self.questions.for_a_look(fact, self._unanswered)
+        self._must_tell = fact if tells else None
         if fact not in self._drive.telling:
             self._rotated_at = now
         job = self._unanswered.pop(request.adu, None)
@@ -307,41 +323,31 @@ class Supervisor:
             else:
                 self._bus.call_at(now + _AGAIN, functools.partial(self._give_way, job))
 
-    def _in_vain(self, unit: UnitState) -> int:
-        """How many looks in a row must have been without an answer, lest that is the loss of the line."""
-        return max(_MISSES, math.ceil(_UNLIKELY / math.log(share_lost(*unit.reach.loss.counts))))
-
-    def _free(self, fact: Fact) -> Request:
-        """What to ask for a fact; where a late reply could be taken for its answer, something else."""
-        late = self._bus.owner.units[self._drive.address].late
-
-        def free(request: Request) -> bool:
-            return not late.in_order or not late.must_wait(request, self._unanswered.get(request.adu))
-
-        reading = self._drive.reading(fact, free)
-        if reading is not None:
-            return reading.request
-        others = (*(each.request for each in self._drive.readings), *self._drive.reads())
-        return next((request for request in others if free(request)), others[0])
-
     def _answered(self, job: Job) -> None:
         self._job = None
         if job.outcome is Outcome.NOT_SENT:
             self.review()
             return
-        took = job.ended_at - job.sent_at
+        took, fact = job.ended_at - job.sent_at, self._must_tell
+        telling = fact in self._drive.telling
         if job.outcome is Outcome.REPLY:
-            self._misses, self._missed = 0, None
             self._look_time.took(took)
+            told = fact is None or self._tells((fact,), job)
+            where = self._tells(self._drive.telling, job)
+            self._outcomes.answered(job.ended_at, took, told=told, telling=telling, where=where)
+            self._missed = None if told else self._missed
             if self._since != NEVER:
                 self._budget.enter(self, self._look_time.seconds)
                 self._look()  # what it said was reviewed when it came
             return
-        # The first repetition goes at once; later ones leave the wire to others.
-        self._misses += 1
+        self._outcomes.missed(job.ended_at, took, telling=telling)
         self._unanswered[job.request.adu] = job
-        self._not_before = job.ended_at + (0.0 if self._misses == 1 else min(took * (1 / SHARE - 1), _PAUSE))
         self.review()
+
+    def _tells(self, facts: Iterable[Fact], job: Job) -> bool:
+        """Whether an answer tells any of these facts. One that may be of any age is not looked into."""
+        misheard = self._bus.owner.units[self._drive.address].misheard_at == job.ended_at
+        return not misheard and any(self._drive.state.was_told(fact, job.ended_at) is not False for fact in facts)
 
     def _next(self, now: float) -> tuple[float, Fact]:
         """What is to be asked next, and when."""
@@ -366,7 +372,7 @@ class Supervisor:
         first = self._drive.telling if self._watched[axis].doubted_at is None else in_order(wanted)
         return self._drive.tells(*dict.fromkeys((*first, *wanted, Fact.SPEED, *course.facts)))
 
-    def _routine(self, fact: Fact, watched: _Watched, course: Course, interval: float) -> float:
+    def _routine(self, fact: Fact, watched: Watched, course: Course, interval: float) -> float:
         """When a fact is due because the axis moves."""
         at = watched.state.last(fact).at  # set-points take away what was known, again and again
         if fact in self._drive.telling:
@@ -382,19 +388,11 @@ class Supervisor:
         wanted = min((course.interval for course in all_courses), default=_FOREVER)
         return min(self._budget.interval, max(wanted, self._budget.shortest))
 
-    def _wake_at(self, when: float) -> None:
-        if when < self._timer_at - 1e-4 and when < _FOREVER:
-            self._timer_at = when
-            self._bus.call_at(when, self._wake)
-
-    def _wake(self) -> None:
-        self._timer_at = _FOREVER
-        self.review()
-
-    def _fell_silent(self) -> None:
+    def _fell_silent(self, why: str) -> None:
         self._since = self._bus.now()
         for axis, watched in self._watched.items():
             if watched.course is not None:
                 course, watched.state.between = watched.course, watched.course.between
-                silent = f"{watched.name} stopped answering during {course.what}."
-                self._end(axis, watched, Verdict.SILENT, MoveFailed(silent))
+                silent = MoveFailed(f"{watched.name} {why} during {course.what}.")
+                silent.__cause__ = self._drive.state.misunderstood
+                self._end(axis, watched, Verdict.SILENT, silent)

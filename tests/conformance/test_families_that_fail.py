@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rs485bus.errors import BusError, StopUnconfirmed
+from rs485bus.errors import BusError, MoveFailed, StopUnconfirmed
 from tests.conformance.acme import AcmeServo
 from tests.conformance.subjects import SUBJECTS, now, rig
 from tests.devices.mks.bench import on_virtual_clock
@@ -17,6 +17,10 @@ JUDGES = ("ask", "see", "stop_sent")
 HOOKS = ("judgement", "stopping_time", "slows_down_for", "may_start_until", *JUDGES)
 
 
+LOOKS = ("on_reply", "decode", "reading", "readings", "tells", "marks", "wanted", "restarted", "a listener")
+"""What is asked of a family while an axis is looked at."""
+
+
 def fails(*_: Any, **__: Any) -> Any:
     raise RuntimeError("a family's own error")
 
@@ -24,6 +28,12 @@ def fails(*_: Any, **__: Any) -> Any:
 def break_hook(axis: AcmeServo, hook: str) -> None:
     """Have one hook of its drive fail from now on."""
     drive = axis._acme
+    if hook == "a listener":
+        drive.state.listen(fails)
+        return
+    if hook == "readings":
+        drive.__class__ = type("Broken", (type(drive),), {"readings": property(fails)})
+        return
     if hook not in JUDGES:
         setattr(drive, hook, fails)
         return
@@ -76,3 +86,66 @@ async def test_a_stop_goes_out_though_who_is_told_of_it_fails(hook: str) -> None
         async with asyncio.timeout(30):
             await on.axis.stop()
         assert not ACME.motor(on.sim).moving(now())
+
+
+def causes(error: BaseException | None) -> list[str]:
+    """An error, and what it came of."""
+    return [] if error is None else [repr(error), *causes(error.__cause__)]
+
+
+def is_told(error: BaseException, hook: str) -> bool:
+    """Whether it is said what failed. Where its device does not even take replies, nothing came of them."""
+    return hook == "on_reply" or "a family's own error" in causes(error)[-1]
+
+
+@pytest.mark.parametrize("hook", LOOKS)
+@on_virtual_clock
+async def test_a_move_that_cannot_be_judged_ends_and_its_motor_is_stopped(hook: str) -> None:
+    try:
+        async with rig(ACME, count=2) as on:
+            move = on.axis.move_to(100.0)
+            await asyncio.sleep(0.3)
+            break_hook(on.axis, hook)
+            before, broken_at = len(on.records), now()
+            async with asyncio.timeout(10):
+                with pytest.raises(MoveFailed) as failed:
+                    await move
+            assert is_told(failed.value, hook)
+            assert not ACME.motor(on.sim).moving(now())
+            busy = sum(each.ended_at - each.sent_at for each in on.records[before:])
+            assert busy <= 0.6 * (now() - broken_at)  # looks leave the wire to others
+            await on.axes[1].move_by(1.0)
+    except* BusError:
+        assert hook not in ("tells", "marks", "wanted", "restarted")  # else it is seen to stand
+
+
+@pytest.mark.parametrize("hook", LOOKS)
+@on_virtual_clock
+async def test_a_run_that_nobody_waits_for_and_that_cannot_be_judged_is_stopped(hook: str) -> None:
+    with pytest.raises((BusError, ExceptionGroup)):
+        async with rig(ACME, count=2) as on:
+            await on.axis.run(200)
+            break_hook(on.axis, hook)
+            await on.rests(within=4)
+            await on.axes[1].move_by(1.0)
+
+
+@pytest.mark.parametrize("hook", LOOKS)
+@on_virtual_clock
+async def test_a_stream_that_cannot_be_judged_ends_and_its_motor_is_stopped(hook: str) -> None:
+    try:
+        async with rig(ACME, count=2) as on:
+            async with asyncio.timeout(20):
+                with pytest.raises(MoveFailed) as failed:
+                    async with on.axis.stream() as setpoint:
+                        setpoint(200)
+                        await asyncio.sleep(0.3)
+                        break_hook(on.axis, hook)
+                        for _ in range(200):
+                            setpoint(200)
+                            await asyncio.sleep(0.05)
+            assert is_told(failed.value, hook)
+            assert not ACME.motor(on.sim).moving(now())
+            await on.axes[1].move_by(1.0)
+    except* BusError:
+        assert hook not in ("tells", "marks", "wanted", "restarted")

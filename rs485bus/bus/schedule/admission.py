@@ -123,7 +123,7 @@ class AdmissionControl:
         if not job.is_broadcast:
             unit = self._units[job.address]
             return [] if unit.attached is None else [unit]
-        return [unit for unit in self._units if unit.attached is not None and unit.attached.hears(job.request)]
+        return [unit for unit in self._units if unit.hears(job.request)]
 
     def _disrupts(self, job: Job) -> bool:
         return any(unit.attached is not None and unit.attached.disrupts(job.request) for unit in self.hearing(job))

@@ -132,7 +132,7 @@ class Stops:
         if self._clock.now >= watch.over:
             unit.unheard(watch.heard_at, SILENT)
         self._lock(unit, watch, f"its watchdog may have stopped it: {reason}")
-        unit.attached.interrupted(self._clock.now - watch.heard_at, reason)
+        unit.tell(unit.attached.interrupted, self._clock.now - watch.heard_at, reason)
 
     def _lock(self, unit: UnitState, watch: ArmedWatchdog, why: str) -> None:
         """It moves only after it was enabled again, and is fed only then."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from typing import Any, Literal
+from collections.abc import Callable, Iterator
+from typing import Any, Literal, ParamSpec
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.line.numbered import NumberedReplies
@@ -24,6 +24,8 @@ from rs485bus.wire.diagnostics import Diagnostic, diagnostic
 from rs485bus.wire.exceptions import ACCEPTED, Meaning, exception
 from rs485bus.wire.frames import HIGHEST_ADDRESS, Request
 
+P = ParamSpec("P")
+
 _log = logging.getLogger("rs485bus")
 
 _LONGEST_WINDOW = 5.0
@@ -39,6 +41,7 @@ class UnitState:
     """One address on the pair."""
 
     __slots__ = (
+        "_failing",
         "address",
         "answers",
         "asked_in_vain",
@@ -54,6 +57,7 @@ class UnitState:
         "ledger",
         "locked",
         "may_be_armed",
+        "misheard_at",
         "misses_count_from",
         "pause",
         "probe",
@@ -118,6 +122,10 @@ class UnitState:
         """Its register is being restored; that is what it waits for."""
         self.former: int | None = None
         """What its register held before that, in ms; None if that is not known."""
+        self.misheard_at = NEVER
+        """When it last answered what its device could not take in."""
+        self._failing: set[str] = set()
+        """The hooks of its device that have failed."""
         self.watchdog_ms: int | None = None
         """What this bus wrote into its register last, in ms, if the device took it; None if that is not known."""
 
@@ -176,6 +184,37 @@ class UnitState:
             self.reply_timeout = attached.reply_timeout
         if attached is not None and attached.late_reply_window is not None:
             self.late_reply_window = max(self.late_reply_window, attached.late_reply_window)
+
+    def tell_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
+        """Tell its device that it has answered."""
+        if self.attached is None:
+            return
+        try:
+            self.attached.on_reply(request, reply, asked_at, now)
+        except Exception:
+            self.misheard_at = now
+            self._note_failure("on_reply", reply.hex(" "))
+
+    def tell(self, hook: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Tell its device something. That the device's own code fails keeps nobody from what follows."""
+        try:
+            hook(*args, **kwargs)
+        except Exception:
+            self._note_failure(getattr(hook, "__name__", "a hook"))
+
+    def hears(self, request: Request) -> bool:
+        """Whether its device would act on a broadcast; yes, where that cannot be told."""
+        try:
+            return self.attached is not None and self.attached.hears(request)
+        except Exception:
+            self._note_failure("hears")
+            return True
+
+    def _note_failure(self, hook: str, told: object = "") -> None:
+        """Log, once, that a hook of its device has just failed, which was told something."""
+        if hook not in self._failing:
+            self._failing.add(hook)
+            _log.exception("unit %d: its family's own code failed in %s %s", self.address, hook, told)
 
     def meaning(self, request: Request, code: int | None) -> Meaning:
         """What a refusal says of a request; `code` is None for one inside a normal reply."""
@@ -300,11 +339,8 @@ class UnitStates:
     def tell_sent(self, job: Job, at: float) -> None:
         """Tell the devices that a write concerns that it goes out."""
         for unit in self if job.is_broadcast else (self[job.address],):
-            if unit.attached is not None and (not job.is_broadcast or unit.attached.hears(job.request)):
-                try:
-                    unit.attached.on_sent(job.request, at)
-                except Exception:  # the frame goes out all the same: it may be a stop
-                    _log.exception("unit %d: what was told that %s goes out failed", unit.address, job.request)
+            if unit.attached is not None and (not job.is_broadcast or unit.hears(job.request)):
+                unit.tell(unit.attached.on_sent, job.request, at)
 
     def answered(self, unit: UnitState, request: Request) -> None:
         """The unit answered a request: it is not offline."""

@@ -54,6 +54,22 @@ async def test_a_motor_that_was_let_go_of_and_does_not_say_where_it_is_ends_its_
     assert "could not be seen standing" in repr(left.value)
 
 
+@on_virtual_clock
+async def test_a_homing_of_a_motor_that_does_not_say_where_it_is_ends_before_its_own_time() -> None:
+    sim = HalfHeard(1)
+    with pytest.raises(BaseException) as left:  # noqa: PT011
+        async with open_bus(VirtualLine(sim)) as bus:
+            axis = MksServo(bus, 1)
+            await axis.enable()
+            homing = axis.home()
+            await anyio.sleep(1.0)
+            sim.ill = True
+            with anyio.fail_after(3), pytest.raises(MotionError, match="did not tell where it is during home"):
+                await homing
+            assert not sim.moving(bus.now())
+    assert "could not be seen standing" in repr(left.value)
+
+
 @pytest.mark.parametrize("guarded", [False, True])
 @on_virtual_clock
 async def test_a_stream_to_a_motor_that_does_not_say_where_it_is_ends(guarded: bool) -> None:

@@ -314,8 +314,7 @@ class Owner:
 
     def _send(self, job: Job, start: float) -> bytes:
         self.send_at, self.sent = start, job
-        if job.on_turn is not None:
-            job.on_turn()
+        job.take_turn()
         job.attempts += 1
         job.code, job.sent_at = None, start
         if job.moves and job.motion is not None and job.request.writes:

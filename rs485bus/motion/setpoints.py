@@ -86,6 +86,8 @@ class StreamCourse(Course):
 
     def _judge(self) -> Verdict:
         streamer, running = self._streamer, self.state.known(Fact.RUNNING)
+        if streamer.failure is not None:
+            raise streamer.failure
         if streamer.refused:
             return Verdict.DOUBTFUL
         if streamer.is_quiet and streamer.told.sure and not self._rpm and self.state.stands:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from typing import ParamSpec
 
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.failure import failure
@@ -17,11 +18,13 @@ from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
-from rs485bus.motion.terms import Speeds, Terms
+from rs485bus.motion.terms import Speeds, Terms, scaled
 from rs485bus.motion.told import Told
 from rs485bus.motion.turns import Haste, Turns
 from rs485bus.motion.wake import Wake
 from rs485bus.wire.frames import Request
+
+P = ParamSpec("P")
 
 STEP = 0.04
 """Seconds between two steps of a ramp."""
@@ -67,6 +70,8 @@ class Streamer:
         """When they should stand for good, though frames are lost."""
         self.refused = ""
         """Why the drive refuses what it is told."""
+        self.failure: Exception | None = None
+        """Why nothing can be told any more: the family's own code failed."""
         self._bus = bus
         self._drive = drive
         self._axes = axes
@@ -118,7 +123,7 @@ class Streamer:
         """A new set-point. What is too fast is cut, of all axes in proportion."""
         self._bus.check_thread()
         fastest = max(map(abs, speeds))
-        self._wanted = _scaled(speeds, min(1.0, self._terms.highest / fastest if fastest else 1.0))
+        self._wanted = scaled(speeds, min(1.0, self._terms.highest / fastest if fastest else 1.0))
         now = self._bus.now()
         self._haste.apart, self._wanted_at = now - self._wanted_at, now
         self._is_new, self._expired = True, False
@@ -170,6 +175,18 @@ class Streamer:
 
     def _go_on(self) -> None:
         """Tell the next step, if there is one."""
+        self._try(self._tell_next)
+
+    def _try(self, do: Callable[P, None], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Do it. Where the family's own code fails, nothing can be told any more: who judges the stream ends it."""
+        try:
+            do(*args, **kwargs)
+        except Exception as error:
+            self.failure = error
+            self.close()
+            self._drive.state.tell()
+
+    def _tell_next(self) -> None:
         if self._over:
             return
         if (now := self._bus.now()) < self._not_before:
@@ -193,7 +210,7 @@ class Streamer:
         if self.ended:
             return self._zero
         if now < self._expires_at:
-            return _scaled(self._wanted, min(map(self._share_within, range(len(self._axes)))))
+            return scaled(self._wanted, min(map(self._share_within, range(len(self._axes)))))
         expired, self._expired = self._expired, True
         if not expired and any(self._wanted):
             self._noticed(f"no set-point came for {self._terms.timeout:g} s: it was stopped by its ramp")
@@ -224,19 +241,11 @@ class Streamer:
         if not self._drive.turns_through_zero:
             # It comes to a stand first.
             target = tuple(0.0 if is_ * wanted < 0 else wanted for is_, wanted in zip(told, target, strict=True))
-        step = self._towards(target, told, min(max(now - self.told.at, 0.0), max(_AT_ONCE, self._haste.every)))
+        step = self._terms.towards(target, told, min(max(now - self.told.at, 0.0), max(_AT_ONCE, self._haste.every)))
         if not self._drive.spreads_changes:
             return step
         # Of steps that it may not have heard it makes one, in the time that is for two.
-        return self._towards(step, self._heard, max(2 * STEP, self._haste.every))
-
-    def _towards(self, target: Speeds, since: Speeds, time: float) -> Speeds:
-        """The speeds to which those from `since` on can be changed in a time."""
-        change = tuple(wanted - is_ for is_, wanted in zip(since, target, strict=True))
-        takes = self._terms.takes(change)
-        if takes <= time:
-            return target
-        return tuple(is_ + each * time / takes for is_, each in zip(since, change, strict=True))
+        return self._terms.towards(step, self._heard, max(2 * STEP, self._haste.every))
 
     # Telling them
 
@@ -311,8 +320,8 @@ class Streamer:
             moves=True,
             motion=self._motion,
             ignores_late_replies=True,
-            on_turn=self._renew,
-            on_end=self._answered,
+            on_turn=lambda: self._try(self._renew),
+            on_end=lambda job: self._try(self._answered, job),
         )
         self._job.epoch = self._epoch  # whatever stops the axes ends the stream: nothing of it follows
         self._bus.submit(self._job)
@@ -387,7 +396,3 @@ class Streamer:
             return now + STEP if on_its_way else _FOREVER
         limited = self._terms.limits and any(self._wanted)
         return min(self._expires_at, now + STEP if on_its_way or limited else _FOREVER)
-
-
-def _scaled(speeds: Speeds, by: float) -> Speeds:
-    return speeds if by == 1.0 else tuple(speed * by for speed in speeds)

@@ -30,3 +30,16 @@ class Terms:
         if self.needs is not None:
             return self.needs(change)
         return max(map(abs, change)) / self.acceleration
+
+    def towards(self, target: Speeds, since: Speeds, time: float) -> Speeds:
+        """The speeds to which those from `since` on can be changed in a time."""
+        change = tuple(wanted - is_ for is_, wanted in zip(since, target, strict=True))
+        takes = self.takes(change)
+        if takes <= time:
+            return target
+        return tuple(is_ + each * time / takes for is_, each in zip(since, change, strict=True))
+
+
+def scaled(speeds: Speeds, by: float) -> Speeds:
+    """All of them in proportion."""
+    return speeds if by == 1.0 else tuple(speed * by for speed in speeds)

@@ -315,3 +315,14 @@ def test_a_job_may_be_submitted_again_once_it_has_ended() -> None:
     rig.owner.submit(job, rig.now)
     rig.done(job)
     assert (job.outcome, job.attempts) == (Outcome.NO_REPLY, 2)
+
+
+def test_a_request_goes_out_though_what_was_to_be_called_at_its_turn_fails(caplog: pytest.LogCaptureFixture) -> None:
+    def fail() -> None:
+        raise RuntimeError("boom")
+
+    rig = Rig(SimUnit(1, BANK))
+    job = rig.submit(read_holding(1, 3, 2), on_turn=fail)
+    rig.done(job)
+    assert job.outcome is Outcome.REPLY
+    assert "when the turn of a request came" in caplog.text

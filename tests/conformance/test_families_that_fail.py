@@ -149,3 +149,35 @@ async def test_a_stream_that_cannot_be_judged_ends_and_its_motor_is_stopped(hook
             await on.axes[1].move_by(1.0)
     except* BusError:
         assert hook not in ("tells", "marks", "wanted", "restarted")
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+@pytest.mark.parametrize("hook", ["setpoint", "setpoints"])
+@on_virtual_clock
+async def test_a_stream_whose_speeds_cannot_be_told_ends_whether_more_are_asked_for_or_not(
+    hook: str, goes_on: bool
+) -> None:
+    async with rig(ACME, count=2) as on:
+        with pytest.raises(MoveFailed) as failed:
+            async with on.axis.stream() as setpoint:
+                setpoint(200)
+                await asyncio.sleep(0.3)
+                break_hook(on.axis, hook)
+                for turn in range(60):
+                    if goes_on or not turn:
+                        setpoint(100)
+                    await asyncio.sleep(0.05)
+        assert is_told(failed.value, hook)
+        assert not ACME.motor(on.sim).moving(now())
+        await on.axes[1].move_by(1.0)
+
+
+@on_virtual_clock
+async def test_a_motor_whose_speeds_cannot_be_told_is_stopped_before_its_block_ends() -> None:
+    async with rig(ACME) as on:
+        with pytest.raises(MoveFailed):
+            async with on.axis.stream() as setpoint:
+                setpoint(200)
+                await asyncio.sleep(0.3)
+                break_hook(on.axis, "setpoint")  # first when its last set-point is too old
+                await on.rests(within=2)

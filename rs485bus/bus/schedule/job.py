@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import logging
 from collections.abc import Callable
 
 from rs485bus.bus.line.diagnosis import Heard
@@ -12,6 +13,8 @@ from rs485bus.bus.schedule.verification import Verification
 from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.frames import BROADCAST, Request
 from rs485bus.wire.registers import Repeat
+
+_log = logging.getLogger("rs485bus")
 
 _FOREVER = float("inf")
 NOT_WEIGHED = -1
@@ -253,6 +256,14 @@ class Job:
         self.reply = b""
         self.code: int | None = None
         """The exception code that answered its latest attempt, if one did."""
+
+    def take_turn(self) -> None:
+        """Its turn has come: it may say something newer. It goes out whatever becomes of that."""
+        if self.on_turn is not None:
+            try:
+                self.on_turn()
+            except Exception:
+                _log.exception("what was to be called when the turn of a request came failed: %s", self.request)
 
     def replace(self, request: Request) -> bool:
         """Have it say something newer, if it was never sent. False if it is too late."""

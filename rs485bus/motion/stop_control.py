@@ -334,8 +334,15 @@ class StopControl:
 
     def _taken_along(self, emergency: bool) -> Sequence[StopControl]:
         """Those of the axes that a stop of this one stops, too."""
-        whole = self._drive.stopped_with(self._axis, emergency) is not self._motion
-        return self.others if whole else ()
+        return self.others if self._stopped_with(emergency) is not self._motion else ()
+
+    def _stopped_with(self, emergency: bool) -> Motion:
+        """What a stop of this axis stops; all of its drive, where that cannot be told."""
+        try:
+            return self._drive.stopped_with(self._axis, emergency)
+        except Exception:
+            _log.exception("%s: it cannot be told what is stopped with it", self._name)
+            return self._drive.motion
 
     def _take_along(self, why: MotionError) -> None:
         """It is stopped, because another one is with which it is stopped."""
@@ -356,7 +363,7 @@ class StopControl:
             halted.set_result(Halted(self._drive.address, self._drive.family, False, 0))
             return halted
         if motion is None:
-            motion, joint = self._drive.stopped_with(self._axis, emergency), self.queue.joint
+            motion, joint = self._stopped_with(emergency), self.queue.joint
             stopped = MoveCancelled(f"{self._name} was stopped, and what moves with it.")
             for other in self._taken_along(emergency):
                 together = joint is not None and other.queue.joint is joint

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
+from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.stopping.halt import Halt
 from rs485bus.errors import BusError, MoveFailed, StopUnconfirmed
-from tests.conformance.acme import AcmeServo
+from rs485bus.wire.frames import write_single
+from tests.conformance.acme import CONTROL, QUICK_STOP, AcmeDrive, AcmeServo
 from tests.conformance.subjects import SUBJECTS, now, rig
 from tests.devices.mks.bench import on_virtual_clock
 
@@ -159,7 +162,7 @@ async def test_a_stream_whose_speeds_cannot_be_told_ends_whether_more_are_asked_
 ) -> None:
     async with rig(ACME, count=2) as on:
         with pytest.raises(MoveFailed) as failed:
-            async with on.axis.stream() as setpoint:
+            async with asyncio.timeout(30), on.axis.stream() as setpoint:
                 setpoint(200)
                 await asyncio.sleep(0.3)
                 break_hook(on.axis, hook)
@@ -181,3 +184,54 @@ async def test_a_motor_whose_speeds_cannot_be_told_is_stopped_before_its_block_e
                 await asyncio.sleep(0.3)
                 break_hook(on.axis, "setpoint")  # first when its last set-point is too old
                 await on.rests(within=2)
+
+
+@on_virtual_clock
+async def test_a_drive_whose_stop_cannot_be_made_is_told_as_not_standing_by_all_who_stop_it() -> None:
+    """Nobody knows what stops it. That is said by its stop, by a second one, and by the bus that is closed."""
+    with pytest.RaisesGroup(StopUnconfirmed, allow_unwrapped=True):
+        async with rig(ACME, count=2) as on:
+            await on.axis.run(200)
+            break_hook(on.axis, "stops")
+            for _ in range(2):
+                async with asyncio.timeout(30):
+                    with pytest.raises(StopUnconfirmed):
+                        await on.axis.stop()
+            await on.axes[1].move_by(1.0)
+
+
+@on_virtual_clock
+async def test_a_drive_of_which_nobody_knows_what_stops_with_it_is_stopped() -> None:
+    async with rig(ACME) as on:
+        await on.axis.run(200)
+        break_hook(on.axis, "stopped_with")
+        async with asyncio.timeout(30):
+            await on.axis.stop()
+        assert not on.moving
+
+
+@on_virtual_clock
+async def test_a_neighbour_that_cannot_tell_whether_it_hears_a_broadcast_is_named(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async with rig(ACME, count=2) as on:
+        on.axis._acme.broadcast_stop = lambda: write_single(0, CONTROL, QUICK_STOP)
+        on.axes[1]._acme.family = "another"
+        break_hook(on.axes[1], "hears")
+        await on.bus.emergency_stop()
+        assert "unit 2: its family's own code failed in hears" in caplog.text
+        assert "unit 1" not in caplog.text
+        assert not any(record.address == 0 for record in on.records)  # what it would make of that, nobody knows
+
+
+def test_a_stop_said_blindly_counts_as_said() -> None:
+    drive = AcmeDrive(1)
+    drive.judgement = fails  # type: ignore[method-assign]
+    halt = Halt(drive, drive.motion, True, 0.0)
+    assert not halt.is_said
+    procedure = halt.run(cast(Any, None))
+    stop = next(procedure)
+    assert isinstance(stop, Job)
+    stop.attempts, stop.sent_at = 1, 0.5
+    procedure.send(0.6)
+    assert halt.is_said

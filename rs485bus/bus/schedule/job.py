@@ -293,3 +293,15 @@ class Job:
         """Whether what it is meant for was stopped since it was made. A stop never is."""
         motion = self.motion
         return motion is not None and motion.epoch != self.epoch and self.urgency is not Urgency.STOP
+
+
+def stop_job(request: Request, reply_timeout: float | None = None) -> Job:
+    """One of the bus' own stops, which waits for no late reply."""
+    return Job(
+        request,
+        urgency=Urgency.STOP,
+        reply_timeout=reply_timeout,
+        ignores_late_replies=True,
+        internal=True,
+        retries=0,
+    )

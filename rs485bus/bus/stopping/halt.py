@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar, Union
 
 from rs485bus.bus.schedule.endings import Endings
-from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.schedule.job import Job, Outcome, Urgency, stop_job
 from rs485bus.bus.stopping.pace import Pacing
 from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
 from rs485bus.bus.units.motion import NEVER, Motion
@@ -147,12 +147,16 @@ class Halt:
         self._ordered_at = now
         self.told = None
         self.failed = False
-        if motion is not self.motion:
-            self.motion = self.attached.motion
-            self._frames = None
-            self._detector = self.attached.judgement(self.motion)
         self.emergency = self.emergency or emergency
-        return self._stop_frames()
+        try:
+            if motion is not self.motion:
+                self.motion = self.attached.motion
+                self._frames = None
+                self._detector = self.attached.judgement(self.motion)
+            return self._stop_frames()
+        except Exception:
+            _log.exception("unit %d is not told to stop at once: its family's own code failed", self.attached.address)
+            return ()
 
     @property
     def is_said(self) -> bool:
@@ -192,8 +196,11 @@ class Halt:
             _log.exception("unit %d cannot be told to stop", self.attached.address)
             return
         for _ in range(STOPS):
+            order = self._orders
             for request in frames:
-                self._now = yield self._stop_job(request, None)
+                self._now = yield (stop := stop_job(request))
+                if stop.attempts:
+                    self._sent_at, self._said = stop.sent_at, order
             self.stops += 1
             self._now = yield self._now + _BLINDLY_EVERY
 
@@ -248,7 +255,7 @@ class Halt:
         """Say it once."""
         self._acknowledged, self._is_heard, order, heard = True, False, self._orders, True
         for request in self._stop_frames():
-            self._now = yield (stop := self._stop_job(request, self._wait(pacing)))
+            self._now = yield (stop := stop_job(request, self._wait(pacing)))
             if stop.attempts:
                 self._sent_at, self._said = stop.sent_at, order
                 self._evidence_from = min(self._evidence_from, stop.sent_at)
@@ -265,11 +272,6 @@ class Halt:
         self.stops += 1
         # It heard one of the stops, whichever: it was only told to stop once more meanwhile.
         self._unacknowledged = 0 if heard else self._unacknowledged + 1
-
-    def _stop_job(self, request: Request, wait: float | None) -> Job:
-        return Job(
-            request, urgency=Urgency.STOP, reply_timeout=wait, ignores_late_replies=True, internal=True, retries=0
-        )
 
     def _is_worth_a_look(self, pacing: Pacing) -> bool:
         """Whether it may answer. One that is not heard is only told to stop, again and again."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from rs485bus.bus.clock import Clock
 from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.schedule.admission import AdmissionControl
-from rs485bus.bus.schedule.job import Job, Reason, Urgency
+from rs485bus.bus.schedule.job import Job, Reason, Urgency, stop_job
 from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.schedule.scheduler import Scheduler
 from rs485bus.bus.schedule.timers import Timers
@@ -88,8 +88,7 @@ class Stops:
             waiting = {job.request for job in self._queue.of(unit.address) if job.urgency is Urgency.STOP}
             for request in halt.again(motion, emergency, self._clock.now):
                 if request not in waiting:  # else that is as good as a further one
-                    stop = Job(request, urgency=Urgency.STOP, ignores_late_replies=True, internal=True, retries=0)
-                    self._submit(stop)
+                    self._submit(stop_job(request))
         if not self._gate.connected:
             self.report_if_away(halt)
         # The stops are queued by now; and only this device's jobs are looked at, lest a long queue hold them up.

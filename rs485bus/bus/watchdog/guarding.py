@@ -74,18 +74,16 @@ def emergency_stop(owner: Owner) -> Procedure[EmergencyReport]:
 
 def _broadcast_stops(owner: Owner, units: list[UnitState]) -> list[Request]:
     """The family broadcasts that stop something and hurt nobody."""
-    everyone = [unit.attached for unit in owner.units if unit.address]
-    known = [attached for attached in everyone if attached is not None]
-    if len(known) < len(everyone):
+    everyone = [unit for unit in owner.units if unit.address]
+    if any(unit.attached is None for unit in everyone):
         return []  # what an unknown device would make of it, nobody knows
     requests = {}
     for unit in units:
         assert unit.attached is not None
         try:
             request = unit.attached.broadcast_stop()
-            if request is not None and not any(
-                other.hears(request) for other in known if other.family != unit.attached.family
-            ):
+            others = (other for other in everyone if owner.units.family(other.address) != unit.attached.family)
+            if request is not None and not any(other.hears(request) for other in others):
                 requests[request.adu] = request
         except Exception:  # each is stopped by itself all the same
             _log.exception("%s %d cannot be stopped by a broadcast", unit.attached.family, unit.address)

@@ -19,6 +19,7 @@ from rs485bus.bus.recording import KEEP, MAX_BYTES, BusRecorder, Recording
 from rs485bus.bus.requests import AskOptions, Requests
 from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.schedule.job import Job
+from rs485bus.bus.schedule.scheduler import Failed, unheeded
 from rs485bus.bus.shutdown import Shutdown
 from rs485bus.bus.stopping.halt import Halted, Procedure
 from rs485bus.bus.unit import Broadcast, Unit, Units
@@ -140,7 +141,7 @@ class Bus:
         self._emergency = handle
         _log.warning("emergency stop")
         # The first stop is on the wire before anybody is told: who is told may do whatever he likes.
-        self.start(emergency_stop(self._owner), handle.finish)
+        self.start(emergency_stop(self._owner), handle.finish, handle.fail)
         for member in self._shutdown.members:
             member.abandon("an emergency stop was made")
         return handle
@@ -309,11 +310,11 @@ class Bus:
         """Send a request; the coroutine returns the frame that answers it. See `Requests.ask`."""
         return self._requests.ask(request, **options)
 
-    def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
-        """Have the owner carry out a procedure that nothing can cancel."""
+    def start(self, procedure: Procedure[T], done: Callable[[T], None], failed: Failed = unheeded) -> None:
+        """Have the owner carry out a procedure that nothing can cancel. One that raises has `failed`."""
         self.check_thread()
         self._owner.now = self._loop.time()
-        self._owner.start(procedure, done)
+        self._owner.start(procedure, done, failed)
         self._pump.run()
 
     def halt(

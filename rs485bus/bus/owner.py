@@ -20,7 +20,7 @@ from rs485bus.bus.schedule.admission import AdmissionControl
 from rs485bus.bus.schedule.job import CONFIRM, NO_REASON, STOP, Job, Outcome, Reason, Urgency
 from rs485bus.bus.schedule.one_way import OneWay
 from rs485bus.bus.schedule.queue import Queue
-from rs485bus.bus.schedule.scheduler import Scheduler
+from rs485bus.bus.schedule.scheduler import Failed, Scheduler, unheeded
 from rs485bus.bus.schedule.selector import Selector
 from rs485bus.bus.schedule.timers import Timer, Timers
 from rs485bus.bus.stopping.halt import Procedure
@@ -163,9 +163,9 @@ class Owner:
         """Call back, in a `tick`, as soon as all stops that wait are on the wire, or the port is lost."""
         self._after_stops.append(callback)
 
-    def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
-        """Drive a procedure to its end, whatever becomes of who started it."""
-        self._procedures.start(procedure, done)
+    def start(self, procedure: Procedure[T], done: Callable[[T], None], failed: Failed = unheeded) -> None:
+        """Drive a procedure to its end, whatever becomes of who started it. One that raises has `failed`."""
+        self._procedures.start(procedure, done, failed)
 
     # The wire
 

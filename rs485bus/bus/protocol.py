@@ -11,6 +11,7 @@ from rs485bus.bus.handle import Handle
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.record import Record
 from rs485bus.bus.requests import AskOptions
+from rs485bus.bus.schedule.scheduler import Failed, unheeded
 from rs485bus.bus.stopping.halt import Procedure
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.wire.frames import Request
@@ -50,8 +51,8 @@ class BusProtocol(Protocol):
     def after(self, seconds: float, callback: Callable[[], None]) -> asyncio.TimerHandle:
         """Call back after so many seconds."""
 
-    def start(self, procedure: Procedure[T], done: Callable[[T], None]) -> None:
-        """Have the owner carry out a procedure that nothing can cancel."""
+    def start(self, procedure: Procedure[T], done: Callable[[T], None], failed: Failed = unheeded) -> None:
+        """Have the owner carry out a procedure that nothing can cancel. One that raises has `failed`."""
 
     def ask(self, request: Request, **options: Unpack[AskOptions]) -> Coroutine[Any, Any, bytes]:
         """Send a request; the coroutine returns the frame that answers it."""

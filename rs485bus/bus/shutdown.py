@@ -84,7 +84,11 @@ class Shutdown:
         stopped = self._loop.create_future()
         deadline = self._loop.call_later(self._config.close_timeout, self._give_up, stopped)
         self._owner.now = self._loop.time()
-        self._owner.start(shut_down(self._owner, leave_running), lambda halted: settle(stopped, halted))
+        self._owner.start(
+            shut_down(self._owner, leave_running),
+            lambda halted: settle(stopped, halted),
+            lambda _: self._give_up(stopped),
+        )
         self._runner.run()
         await outlast(stopped)
         deadline.cancel()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import nullcontext
 from typing import Any, cast
 
 import pytest
 
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halt
+from rs485bus.devices.mks.drive import MksWatchdog
 from rs485bus.errors import BusError, MoveFailed, StopUnconfirmed
-from rs485bus.wire.frames import write_single
+from rs485bus.wire.frames import Request, write_single
 from tests.conformance.acme import CONTROL, QUICK_STOP, AcmeDrive, AcmeServo
 from tests.conformance.subjects import SUBJECTS, now, rig
 from tests.devices.mks.bench import on_virtual_clock
@@ -235,3 +237,28 @@ def test_a_stop_said_blindly_counts_as_said() -> None:
     stop.attempts, stop.sent_at = 1, 0.5
     procedure.send(0.6)
     assert halt.is_said
+
+
+class BrokenRegister(MksWatchdog):
+    """A watchdog register that cannot be told any time from some moment on."""
+
+    broken = False
+
+    def write(self, milliseconds: int) -> Request:
+        if self.broken:
+            fails()
+        return super().write(milliseconds)
+
+
+@pytest.mark.parametrize("armed", [False, True])
+@on_virtual_clock
+async def test_a_watchdog_block_whose_register_cannot_be_told_is_entered_or_left_with_an_error(armed: bool) -> None:
+    async with rig(SUBJECTS[0], count=2) as on:
+        on.axis.attached.watchdog = register = BrokenRegister(1)
+        register.broken = not armed
+        with nullcontext() if armed else pytest.raises(RuntimeError, match="own error"):
+            async with asyncio.timeout(2.5), on.axis.watchdog(1.0):
+                await on.axis.run(200)
+                register.broken = True
+        assert not on.moving
+        await on.axes[1].move_by(1.0)

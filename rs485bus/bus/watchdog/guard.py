@@ -58,7 +58,7 @@ async def admit_and_arm(bus: BusProtocol, device: DeviceAdapter, timeout: float)
 async def _carry_out(bus: BusProtocol, arming: Arming) -> Armed:
     """Arm. A cancellation ends it as soon as nothing of it is on the wire, and is raised then."""
     armed: asyncio.Future[Armed] = asyncio.get_running_loop().create_future()
-    bus.start(arming.run(), lambda ended: settle(armed, ended))
+    bus.start(arming.run(), lambda ended: settle(armed, ended), armed.set_exception)
     try:
         await asyncio.wait([armed])
     except asyncio.CancelledError:
@@ -295,7 +295,7 @@ class WatchdogGuard(AsyncBlock):
                 entry.let_go()
                 settle(released, ended)
 
-            bus.start(release(bus.owner, devices), done)
+            bus.start(release(bus.owner, devices), done, lambda _: done(unconfirmed(devices)))
             bound = bus.after(bus.config.close_timeout, lambda: settle(released, unconfirmed(devices)))
             cancelled = await outlast(released)
             bound.cancel()

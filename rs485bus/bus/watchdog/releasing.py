@@ -5,7 +5,8 @@ They are the bus' own: a caller that is cancelled while it waits for one loses n
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import functools
+from collections.abc import Callable, Iterable, Sequence
 
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.schedule.endings import Endings
@@ -28,9 +29,15 @@ def release(owner: Owner, devices: Sequence[DeviceAdapter]) -> Procedure[list[Ha
     halts = [owner.stops.halt(owner.units[device.address], device.motion, emergency=False) for device in devices]
     endings: Endings[Halted] = Endings(len(devices))
     for place, (device, halt) in enumerate(zip(devices, halts, strict=True)):
-        owner.start(_release_one(owner, device, halt), endings.ending(place))
+        ended = endings.ending(place)
+        owner.start(_release_one(owner, device, halt), ended, functools.partial(_not_released, device, halt, ended))
     halted: list[Halted] = yield endings
     return halted
+
+
+def _not_released(device: DeviceAdapter, halt: Halt, ended: Callable[[Halted], None], error: Exception) -> None:
+    """What releases a device has failed: it stands only where it was seen to."""
+    ended(Halted(device.address, device.family, False, halt.stops) if halt.told is None else halt.told)
 
 
 def _release_one(owner: Owner, device: DeviceAdapter, halt: Halt) -> Procedure[Halted]:

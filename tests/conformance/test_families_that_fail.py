@@ -261,4 +261,7 @@ async def test_a_watchdog_block_whose_register_cannot_be_told_is_entered_or_left
                 await on.axis.run(200)
                 register.broken = True
         assert not on.moving
+        register.broken = False
+        async with asyncio.timeout(2.5), on.axis.watchdog(1.0):
+            await on.axis.run(200)
         await on.axes[1].move_by(1.0)

@@ -81,12 +81,15 @@ class Arming:
             except WatchdogInfeasible as error:
                 ended.infeasible = error
                 return ended
-        for device in self._devices:
-            job = None if self._is_over else (yield from self._arm(device))
-            if job is not None and job.outcome is not Outcome.REPLY:
-                ended.failed.append(job)
-            if owner.feeding.get(device.address) is None:
-                owner.feeding.disarm(device.address)  # it counts no more
+        try:
+            for device in self._devices:
+                job = None if self._is_over else (yield from self._arm(device))
+                if job is not None and job.outcome is not Outcome.REPLY:
+                    ended.failed.append(job)
+        finally:
+            for device in self._devices:
+                if owner.feeding.get(device.address) is None:
+                    owner.feeding.disarm(device.address)  # it counts no more
         return ended
 
     def _measure(self, ended: Armed) -> Procedure[bool]:

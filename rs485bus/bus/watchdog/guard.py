@@ -175,8 +175,8 @@ class WatchdogGuard(AsyncBlock):
             error = self._failure(ended.failed[0]) if ended.failed else ended.infeasible
             if error is None and owner.gate.closing:
                 error = BusClosed("The bus is being closed: nothing is guarded by it any more.")
-        except asyncio.CancelledError as cancelled:
-            error = cancelled
+        except (asyncio.CancelledError, Exception) as failed:
+            error = failed
         if error is not None:
             # What was not touched is neither stopped nor asked.
             await self._leave(error, [device for device in self._devices if owner.units[device.address].may_be_armed])

@@ -57,9 +57,16 @@ def _restore(owner: Owner, unit: UnitState, device: DeviceAdapter, watchdog: Wat
         yield unit.restoring
         return
     restoring = unit.restoring = Endings[None](1)
-    yield from _set_back(owner, unit, device, watchdog)
+    failed: Exception | None = None
+    try:
+        yield from _set_back(owner, unit, device, watchdog)
+    except Exception as error:
+        owner.feeding.mute(device.address)  # it stays armed, as far as is known
+        failed = error
     unit.restoring = None
     restoring.ending(0)(None)
+    if failed is not None:
+        raise failed
 
 
 def _set_back(owner: Owner, unit: UnitState, device: DeviceAdapter, watchdog: WatchdogRegister) -> Procedure[None]:

@@ -22,8 +22,7 @@ from rs485bus.motion.diagnosis import FOUND_OUT, diagnose, in_order, is_decided,
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.events import Changes, EventKind
 from rs485bus.motion.knowledge import Questions
-from rs485bus.motion.look_budget import SILENT, LookBudget, LookTime
-from rs485bus.motion.look_outcomes import LookOutcomes
+from rs485bus.motion.look_budget import SILENT, LookBudget, LookOutcomes, LookTime
 from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.plan_lock import PlanLock
 from rs485bus.motion.standstill import NEVER

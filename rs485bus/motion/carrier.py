@@ -27,6 +27,7 @@ from rs485bus.motion.diagnosis import not_seen_standing
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
 from rs485bus.motion.look_budget import SILENT
+from rs485bus.motion.move import Task
 from rs485bus.motion.plan import (
     AnswersAgain,
     Ask,
@@ -46,7 +47,6 @@ from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
-from rs485bus.motion.task import Task
 from rs485bus.motion.upkeep import answers_again, insist, keep_fed, others_stand
 from rs485bus.wire.registers import Repeat
 

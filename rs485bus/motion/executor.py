@@ -30,7 +30,7 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.group.member import GroupMemberMove
 from rs485bus.motion.joint import Joint, Part, PlanOfAll
 from rs485bus.motion.knowledge import AxisKnowledge
-from rs485bus.motion.move import Move, MoveState
+from rs485bus.motion.move import Move, MoveState, Task
 from rs485bus.motion.other_courses import HomingCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Ended, Plan
@@ -39,7 +39,6 @@ from rs485bus.motion.retargeting import Change, Retargeting
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
-from rs485bus.motion.task import Task
 from rs485bus.motion.watched import Told
 
 _WATCH = 0.06

@@ -9,8 +9,8 @@ from typing import Any
 from rs485bus.bus.handle import Handle
 from rs485bus.motion.carrier import PlanCarrier
 from rs485bus.motion.group.barrier import Barrier
+from rs485bus.motion.move import Task
 from rs485bus.motion.plan import Plan
-from rs485bus.motion.task import Task
 
 PlanOfAll = Callable[[Mapping[int, Any]], Plan[None]]
 """Makes the plan from what each axis is to do, by axis."""

@@ -1,4 +1,4 @@
-"""The handle of one move."""
+"""The handle of one move, and how far it has come."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import asyncio
 import enum
 from abc import abstractmethod
 from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Any, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.handle import Handle
 from rs485bus.errors import MoveCancelled
 from rs485bus.motion.pace import Pace
+
+if TYPE_CHECKING:
+    from rs485bus.bus.schedule.burst import BurstSlot
+    from rs485bus.motion.carrier import PlanCarrier
+    from rs485bus.motion.plan import Ended
 
 T = TypeVar("T")
 
@@ -150,3 +155,35 @@ async def positions_until(handle: Handle[T], ask: Callable[[], Awaitable[T]], ev
             else:
                 ended.cancel()
     yield await handle.wait()
+
+
+@dataclass(slots=True)
+class Task:
+    """A command that sets the axis in motion, as far as it has come."""
+
+    move: Move
+    start: int | None = None
+    """Where it begins, in counts."""
+    target: int | None = None
+    """Where it goes."""
+    rpm: float | None = None
+    """The speed that it is to have, for a run."""
+    before: float = 0.0
+    """The speed that it had, in rpm."""
+    slot: BurstSlot | None = None
+    """When its start is sent, if not at once."""
+    under_way: bool = False
+    """It only changes a move that is under way."""
+    begun: bool = False
+    """Its start was sent."""
+    lost: str = ""
+    """Why its positions were not to be trusted then."""
+    ended: Callable[[Ended], Awaitable[None]] | None = None
+    """Waits for the end of a routine of the drive's own."""
+    partners: tuple[tuple[PlanCarrier, Task], ...] = ()
+    """Other axes of the drive that the same plan sets in motion."""
+    since: float | None = field(init=False)
+    """When its move began, where this only changes or ends what goes on."""
+
+    def __post_init__(self) -> None:
+        self.since = self.move.started_at

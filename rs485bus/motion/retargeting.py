@@ -13,11 +13,10 @@ from rs485bus.motion.carrier import PlanCarrier
 from rs485bus.motion.courses import MoveCourse
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.knowledge import AxisKnowledge
-from rs485bus.motion.move import Move
+from rs485bus.motion.move import Move, Task
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.profile import seconds_to
 from rs485bus.motion.state import FRESH, Fact
-from rs485bus.motion.task import Task
 
 
 @dataclass(frozen=True, slots=True)

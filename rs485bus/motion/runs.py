@@ -14,7 +14,7 @@ from rs485bus.motion.courses import Course, Verdict
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.executor import MoveExecutor
 from rs485bus.motion.joint import PlanOfAll
-from rs485bus.motion.move import Move, MoveState
+from rs485bus.motion.move import Move, MoveState, Task
 from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Plan
@@ -25,7 +25,6 @@ from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
-from rs485bus.motion.task import Task
 
 _WAY, _WAY_TIME = 0.05, 0.1
 """By how much the way of a run for a time may differ from what it should be: as a part of it, or in seconds."""

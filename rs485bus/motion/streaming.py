@@ -15,13 +15,13 @@ from typing import ParamSpec
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.failure import failure
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
+from rs485bus.bus.schedule.timers import Wake
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.terms import Speeds, Terms, scaled
 from rs485bus.motion.told import Told
 from rs485bus.motion.turns import Haste, Turns
-from rs485bus.motion.wake import Wake
 from rs485bus.wire.frames import Request
 
 P = ParamSpec("P")
@@ -108,7 +108,7 @@ class Streamer:
         self._not_before = NEVER
         self._again_at = NEVER
         """When the drive is told once more what it may not have heard, if there is nothing newer."""
-        self._wake = Wake(bus, self._go_on)
+        self._wake = Wake(bus.call_at, self._go_on)
         self._over = False
         for state in self._states:
             state.ramp_stop = self._frames(self._zero)[-1]

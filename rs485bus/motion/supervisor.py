@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from rs485bus.arguments import instance
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.schedule.job import Job, Outcome, Urgency
+from rs485bus.bus.schedule.timers import Wake
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.bus.watchdog.foreign import possible_cause
 from rs485bus.errors import LimitReached, MotionError, MoveFailed, MoveTimeout, ReferenceLost
@@ -27,7 +28,6 @@ from rs485bus.motion.other_courses import ForeignCourse
 from rs485bus.motion.plan_lock import PlanLock
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
-from rs485bus.motion.wake import Wake
 from rs485bus.motion.watched import Told, Watched
 
 _log = logging.getLogger("rs485bus")
@@ -59,7 +59,7 @@ class Supervisor:
         self._unanswered: dict[bytes, Job] = {}
         """Looks that were not answered, by their frames. The same one may be sent again where an equal one must wait,
         lest the late answer to the first is taken for its own."""
-        self._wake = Wake(bus, self.review)
+        self._wake = Wake(bus.call_at, self.review)
         self._rotated_at = NEVER
         self._outcomes = LookOutcomes()
         self._missed: Fact | None = None
@@ -291,10 +291,11 @@ class Supervisor:
         if unheard and now - max(self._drive.state.heard_at, self._since) > patience:
             self._fell_silent("stopped answering")
             return
-        told_at = min(watched.told_where_at(self._drive.telling) for watched in self._watched.values())
-        if untold and now - max(told_at, self._since) > patience:
-            self._fell_silent("did not tell where it is")
-            return
+        if untold:
+            told_at = min(watched.told_where_at(self._drive.telling) for watched in self._watched.values())
+            if now - max(told_at, self._since) > patience:
+                self._fell_silent("did not tell where it is")
+                return
         unit.late.expire(now)
         when, fact = self._next(now)
         when = max(when, self._outcomes.not_before)

@@ -14,6 +14,8 @@ from collections.abc import Callable
 _log = logging.getLogger("rs485bus")
 
 _FOREVER = float("inf")
+_SAME = 1e-4
+"""Seconds that make no difference."""
 _FEW = 64
 """Cancelled timers that are not worth being tidied up."""
 
@@ -93,3 +95,29 @@ class Timers:
     def _look(self) -> None:
         """See when the next one is due."""
         self.next_at = self._heap[0][0] if self._heap else _FOREVER
+
+
+class Wake:
+    """Calls back, once, at the earliest of the times that were asked for since it last did.
+
+    Args:
+        call_at: calls back at a time.
+        callback: what is called.
+    """
+
+    __slots__ = ("_at", "_call_at", "_callback")
+
+    def __init__(self, call_at: Callable[[float, Callable[[], None]], object], callback: Callable[[], None]) -> None:
+        self._call_at = call_at
+        self._callback = callback
+        self._at = _FOREVER
+
+    def at(self, when: float) -> None:
+        """Call back at this time, if not sooner. Infinity is never."""
+        if when < self._at - _SAME and when < _FOREVER:
+            self._at = when
+            self._call_at(when, self._go_off)
+
+    def _go_off(self) -> None:
+        self._at = _FOREVER
+        self._callback()

@@ -18,9 +18,10 @@ from rs485bus.bus.schedule.queue import Queue
 from rs485bus.bus.schedule.repeating import Repeating
 from rs485bus.bus.schedule.timers import Timers
 from rs485bus.bus.units.asking import hurry
-from rs485bus.bus.units.loss import share_lost
 from rs485bus.bus.units.motion import NEVER
-from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.units.reachability import share_lost
+from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.bus.watchdog.register_writes import RegisterWrites
 from rs485bus.wire.exceptions import ACCEPTED, Meaning, is_a_gateways, is_exception

@@ -25,7 +25,7 @@ from rs485bus.bus.schedule.selector import Selector
 from rs485bus.bus.schedule.timers import Timer, Timers
 from rs485bus.bus.stopping.halt import Procedure
 from rs485bus.bus.stopping.stops import Stops
-from rs485bus.bus.units.unit_state import UnitStates
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.bus.watchdog.maker import WatchdogMaker
 from rs485bus.bus.watchdog.register_writes import RegisterWrites

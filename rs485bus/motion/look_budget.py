@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.schedule.burst import takes
-from rs485bus.bus.units.loss import share_lost
+from rs485bus.bus.units.reachability import share_lost
 from rs485bus.bus.units.reply_times import ReplyTimes
 from rs485bus.errors import LimitExceeded
 from rs485bus.motion.standstill import NEVER

@@ -4,7 +4,8 @@ import pytest
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.units.reachability import ProbeBudget, Reachability
+from rs485bus.bus.units.probing import ProbeBudget
+from rs485bus.bus.units.reachability import Reachability
 from rs485bus.sim import SimUnit
 from rs485bus.sim.rig import Rig
 from rs485bus.wire.frames import read_holding

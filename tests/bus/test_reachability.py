@@ -8,9 +8,8 @@ import pytest
 
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.schedule.job import Job, Outcome, Reason, Urgency
-from rs485bus.bus.units.loss import LEAST, Loss, longest_silence, share_lost
 from rs485bus.bus.units.probing import AnsweredRequests, listening_time
-from rs485bus.bus.units.reachability import Reachability
+from rs485bus.bus.units.reachability import LEAST, Loss, Reachability, longest_silence, share_lost
 from rs485bus.sim import SimDevice, SimUnit
 from rs485bus.sim.noise import Noise
 from rs485bus.sim.rig import Rig

@@ -9,7 +9,8 @@ from rs485bus.bus.schedule.job import FEED, NO_REASON, START, STOP, Job, Reason,
 from rs485bus.bus.schedule.pauses import PauseKeeper
 from rs485bus.bus.schedule.queue import READY
 from rs485bus.bus.stopping.ration import StopRation
-from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 from rs485bus.bus.watchdog.reckoning import add_up
 from rs485bus.errors import WatchdogInfeasible
@@ -216,7 +217,7 @@ class AdmissionControl:
         if not job.held_up_since or job.internal or job.setpoint or job.slot is not None:
             return _FOREVER
         unit = self._units[job.address]
-        if job.expires_at is None and unit.attached is None and not job.request.writes and unit.leaves_questions:
+        if job.expires_at is None and not job.request.writes and unit.leaves_questions:
             expected = unit.reply_times.expected(job)[1] if unit.reach.gave_up else _ATTEMPTS * unit.reply_timeout
             return job.held_up_since + expected
         return max(job.held_up_since, job.sent_at) + max(_HELD_UP, 3 * unit.late_reply_window)

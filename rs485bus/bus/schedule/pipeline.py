@@ -11,7 +11,7 @@ from collections.abc import Callable
 from rs485bus.bus.schedule.job import Job, Urgency
 from rs485bus.bus.schedule.queue import READY
 from rs485bus.bus.schedule.timers import Timer, Timers
-from rs485bus.bus.units.unit_state import UnitStates
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 
 _FOREVER = float("inf")

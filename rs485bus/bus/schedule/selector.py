@@ -23,7 +23,8 @@ from rs485bus.bus.schedule.waiting import Waiting
 from rs485bus.bus.units.asking import question_for
 from rs485bus.bus.units.motion import NEVER
 from rs485bus.bus.units.probing import listening_time
-from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeder import next_feed
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.wire.frames import Request

@@ -310,8 +310,7 @@ class Halt:
             goes_on = self._acknowledged and standing is None and answered and heard < _LOOKS
             if self._now >= (by if goes_on else min(patience + margin, by)):
                 return False
-            at_once = answered and self._detector.lacks_place
-            if not at_once and (answered or look is None or not pacing.is_noisy(self._now)):
+            if not self._detector.lacks_place if answered else look is None or not pacing.is_noisy(self._now):
                 self._now = yield self._now + _LOOK_EVERY
         return False
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from rs485bus.bus.line.pending import PendingReplies
 from rs485bus.bus.line.serial_line import STOP_WAITS, SerialLine
 from rs485bus.bus.stopping.halt import STOPS
-from rs485bus.bus.units.unit_state import SILENT, UnitState, UnitStates
+from rs485bus.bus.units.unit_state import SILENT, UnitState
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import Feeding
 
 _TRY_AGAIN_AFTER = 0.5

@@ -14,7 +14,8 @@ from rs485bus.bus.schedule.timers import Timers
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.bus.stopping.pacing import StopPacing
 from rs485bus.bus.units.motion import Motion
-from rs485bus.bus.units.unit_state import SILENT, UnitState, UnitStates
+from rs485bus.bus.units.unit_state import SILENT, UnitState
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.wire.frames import Request
 

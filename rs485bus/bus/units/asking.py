@@ -49,7 +49,7 @@ def question_for(unit: UnitState, now: float, is_in_the_way: Callable[[Request],
         unit.question = _new(unit, fresh)
     else:
         unit.question = _again(last, now)
-    if unit.reach.gave_up:
+    if unit.reach.gave_up and unit.attached is None:
         unit.question.unanswered = max(unit.question.unanswered, _GIVEN_UP)
     unit.is_questioned = True
     return unit.question

@@ -8,7 +8,8 @@ from operator import attrgetter
 from rs485bus.bus.schedule.job import FEED, Job
 from rs485bus.bus.schedule.queue import Admission, Queue
 from rs485bus.bus.units.adapter import DeviceAdapter
-from rs485bus.bus.units.unit_state import UnitState, UnitStates
+from rs485bus.bus.units.unit_state import UnitState
+from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
 from rs485bus.wire.frames import Request
 

@@ -49,6 +49,8 @@ _PAUSES = (0.2, 3.0)
 _AFTER_AN_ERROR = 0.05
 _LOSSES = ("raised NoReply", "raised OutcomeUnknown")
 """What may come of lost replies: something was lost three times, and it is said whether it may be repeated safely."""
+_HELD_UP = "a question raised NotSent: Not sent, all its time a late reply"
+"""And of a device that is silent: it was asked something else in vain."""
 
 
 @dataclass
@@ -101,7 +103,8 @@ class Verdict:
     def faults(self) -> list[str]:
         """What is wrong; empty if nothing is."""
         lossy = self.loss or self.sluggish
-        unexpected = [what for what in self.errors if not (lossy and what.split(":")[0].endswith(_LOSSES))]
+        expected = [what for what in self.errors if what.split(":")[0].endswith(_LOSSES) or what.startswith(_HELD_UP)]
+        unexpected = [what for what in self.errors if not lossy or what not in expected]
         growth = self.memory[-1] - self.memory[0] if self.memory else 0
         found = {
             f"{self.trips} drives tripped": self.trips,

@@ -296,7 +296,7 @@ class Supervisor:
             if now - max(told_at, self._since) > patience:
                 self._fell_silent("did not tell where it is")
                 return
-        unit.late.expire(now)
+        unit.expire(now)
         when, fact = self._next(now)
         when = max(when, self._outcomes.not_before)
         if when > now:

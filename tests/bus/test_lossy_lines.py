@@ -16,6 +16,7 @@ from rs485bus.wire.frames import read_holding, registers, write_single
 from rs485bus.wire.registers import Repeat
 from tests.bus.lossy import delivered
 from tests.bus.support import Scripted
+from tests.bus.test_offline import Switched
 
 LIMIT = 5.22
 
@@ -218,21 +219,14 @@ def test_a_neighbour_that_took_a_request_for_the_missing_answer_needs_one_repeti
     assert first.outcome is Outcome.REPLY
 
 
-class Away(SimUnit):
-    """A unit that hears nothing until a time."""
-
-    until = 0.0
-
-    def receive(self, frame: bytes, now: float) -> bytes | None:
-        return super().receive(frame, now) if now >= self.until else None
-
-
 def away(seconds: float) -> Rig:
     """A line on which unit 1 was silent for a whole request, and hears nothing for so many seconds from the begin."""
-    unit = Away(1, dict.fromkeys(range(64), 7))
+    unit = Switched(1)
+    unit.registers = dict.fromkeys(range(64), 7)
     rig = Rig(unit, SimUnit(2, dict.fromkeys(range(64), 7)))
     rig.done(*(rig.submit(read_holding(1, 0, 2)) for _ in range(3)))
-    unit.until = rig.now + seconds
+    unit.on = False
+    rig.at(rig.now + seconds, lambda: setattr(unit, "on", True))
     rig.done(first := rig.submit(read_holding(1, 0, 2)))
     assert first.outcome is Outcome.NO_REPLY
     return rig

@@ -20,7 +20,8 @@ _FOREVER = float("inf")
 _HELD_UP = 5.0
 """Seconds, at least, for which a job waits for late replies of its unit to end."""
 _ATTEMPTS = 3
-"""Reply timeouts for which a read is held up whose unit leaves questions unanswered: it takes as long to miss one."""
+"""Reply timeouts for which a read is held up whose unit leaves questions unanswered: with the usual retries it takes as
+long to miss one."""
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 
 

@@ -8,7 +8,7 @@ else instead.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from rs485bus.bus.clock import Clock
 from rs485bus.bus.line.echo import EchoQuestion
@@ -238,8 +238,8 @@ class Selector:
         units, self._gate.held_up = self._gate.held_up, set()
         ready = None
         for unit in units:
-            if not self._is_held_up(unit):
-                continue
+            if next(self._held_up(unit), None) is None:
+                continue  # it has answered meanwhile
             job = question_for(unit, self._clock.now, functools.partial(self._is_in_the_way, unit))
             if job is None:
                 continue
@@ -248,11 +248,6 @@ class Selector:
             else:
                 self._submit(job)
         return ready
-
-    def _is_held_up(self, unit: UnitState) -> bool:
-        """Whether somebody waits still for what the unit owes. It may have answered meanwhile."""
-        waiting = self._queue.next_of(unit.address)
-        return any(unit.late.must_wait(job.request, job) for job in waiting)
 
     def _look_for(self, unit: UnitState) -> Job | None:
         """A read that only asks whether anybody answers; None if it goes once the pair was quiet for long enough, or
@@ -279,10 +274,12 @@ class Selector:
     def _is_in_the_way(self, unit: UnitState, request: Request) -> bool:
         """Whether a read of the bus' own, if it were not answered, would keep somebody waiting for longer who waits for
         what the unit owes."""
-        if not unit.late:
-            return False
-        waiting = self._queue.next_of(unit.address)
-        return any(request.may_answer(job.request) and unit.late.must_wait(job.request, job) for job in waiting)
+        return any(request.may_answer(waiting) for waiting in self._held_up(unit))
+
+    def _held_up(self, unit: UnitState) -> Iterator[Request]:
+        """What waits for what the unit owes."""
+        waiting = self._queue.next_of(unit.address) if unit.late else ()
+        return (job.request for job in waiting if unit.late.must_wait(job.request, job))
 
     def _admit_over_noise(self, job: Job) -> float:
         verdict = self._admit(job)

@@ -33,9 +33,10 @@ def question_for(unit: UnitState, now: float, is_in_the_way: Callable[[Request],
         now: the time.
         is_in_the_way: whether a question, while it is owed an answer, would keep waiting who waits for the unit.
     """
-    silent = unit.reach.silent and not unit.is_silent_to_questions  # else nothing but what it is asked here finds out
-    if unit.is_questioned or silent or unit.reach.offline or unit.halt is not None:
+    if unit.is_questioned or unit.reach.offline or unit.halt is not None:
         return None  # one that is being stopped is asked anyway
+    if unit.reach.silent and not (unit.reach.gave_up and unit.leaves_questions):
+        return None  # where reads of it end unsent, nothing but these questions finds out that it is back
     last, reads = unit.question, [read for read in _harmless(unit) if not is_in_the_way(read)]
     fresh = next((request for request in reads if not unit.late.must_wait(request)), None)
     if fresh is None:

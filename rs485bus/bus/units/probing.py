@@ -13,7 +13,8 @@ from rs485bus.wire.answers import READ_COILS, READ_DISCRETE, READ_HOLDING, READ_
 from rs485bus.wire.frames import HIGHEST_ADDRESS, Request, read_holding, read_input
 
 SHARE = 0.019
-"""The part of all time that may be spent on looking for lost units; as much again on those that come and go."""
+"""The part of all time that may be spent on looking for lost units; as much again on those that come and go. With what
+a unit is asked until it is known to be lost that stays below 5 %."""
 BURST = 0.25
 """Seconds that may be spent on looking at once."""
 IDLE_SHARE = 0.048

@@ -144,11 +144,6 @@ class UnitState:
             return False
         return asked.unanswered > 0 and asked.sent_at > self.heard_at
 
-    @property
-    def is_silent_to_questions(self) -> bool:
-        """The same, and it left a whole request unanswered before."""
-        return self.reach.gave_up and self.leaves_questions
-
     def expire(self, now: float) -> None:
         """Forget what can arrive no more. A plain unit that is silent may be at what it was asked first: what it was
         asked since comes after that, later than replies come else."""

@@ -45,7 +45,7 @@ def next_feed(
         if waiting is not None:
             waiting.feeds = True
             return waiting
-    unit.late.expire(now)
+    unit.expire(now)
     request = _read_to_feed(unit, attached.reads(), queue) if unit.late.owed else attached.reads()[0]
     watch.ledger.feeds += 1
     job = Job(request, urgency=FEED, ignores_late_replies=True, internal=True, retries=0)

@@ -230,6 +230,9 @@ class Attempts:
         in_doubt = how == "no reply" and self._pair.exchange.is_in_doubt
         heard = self._pair.exchange.heard()
         job.heard = heard or job.heard
+        if how == "no reply" and heard is not None and heard.rest and self._may_be_spoilt(job, unit):
+            job.cuts += 1
+            job.patient_until = max(job.patient_until, self._clock.now) + self._clock.now - job.sent_at
         if heard is not None and how == "no reply" and is_there(job.request, heard):
             self._units.heard(unit, self._clock.now)
         owed_until = max(self._pair.owed_until, self._clock.now)
@@ -260,6 +263,12 @@ class Attempts:
                 return
         ended = job.internal or job.setpoint or frame or how != "no reply"
         self._not_answered(job, unit, how, 0.0 if ended else owed_until)
+
+    def _may_be_spoilt(self, job: Job, unit: UnitState) -> bool:
+        """Whether a late reply of its unit may have hit the attempt on the wire, which does not count then. All of them
+        may be hit by noise, so that not many do not count."""
+        is_owed = any(owed.until > job.sent_at for owed in unit.late)
+        return is_owed and not job.internal and job.cuts < self._repeating.retries_of(job)
 
     def _was_in_doubt(self, job: Job, reason: Reason) -> None:
         """The adapter has been found out, or nobody answered, or that could not be asked."""

@@ -251,3 +251,24 @@ def test_where_all_that_may_be_asked_is_owed_what_was_asked_instead_is_asked_aga
     assert asks(status) == pulses
     assert asks() == status
     assert asks(status) == pulses
+
+
+@pytest.mark.parametrize(("repeat", "attempts"), [(Repeat.SAFE, 3), (Repeat.NEVER, 1)])
+def test_an_attempt_that_a_late_reply_may_have_hit_does_not_count(repeat: Repeat, attempts: int) -> None:
+    unit = Scripted(1, 0.05, "deaf")
+    rig = Rig(unit, config=BusConfig(echo=False, retries=1, reply_timeout=0.03))
+    rig.submit(read_holding(1, 0, 20), retries=0)
+    rig.run(0.0505)
+    job = rig.submit(write_single(1, 3, 7), repeat=repeat)
+    rig.done(job)
+    assert rig.pair.collisions == 1
+    assert (job.outcome, job.attempts) == (Outcome.REPLY if attempts > 1 else Outcome.UNKNOWN, attempts)
+
+
+def test_attempts_that_are_hit_again_and_again_come_to_an_end() -> None:
+    unit = Scripted(1, "lost")
+    unit.script.extend([lambda reply: reply[:-1]] * 100)
+    rig = Rig(unit, config=BusConfig(echo=False, retries=2, reply_timeout=0.03))
+    job = rig.submit(write_single(1, 3, 7))
+    rig.done(job)
+    assert (job.outcome, job.attempts) == (Outcome.NO_REPLY, 5)

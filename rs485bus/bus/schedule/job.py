@@ -244,7 +244,7 @@ class Job:
         self.attempts = 0
         self.unanswered = 0
         self.cuts = 0
-        """Attempts for whose answer a stop did not wait."""
+        """Attempts that do not count: a stop did not wait for their answer, or a late reply may have destroyed them."""
         self.feeds = False
         """Its latest attempt was sent to feed a watchdog."""
         self.caller_cancelled = False

@@ -75,6 +75,7 @@ class Attempts:
         native: bool,
     ) -> None:
         self._clock = clock
+        self._config = config
         self._pair = pair
         self._queue = queue
         self._gate = gate
@@ -161,7 +162,7 @@ class Attempts:
         is_its_own = since == job.sent_at
         job.answered_since = since
         job.reply = frame
-        self._units.answered(unit, request)
+        self._units.answered(unit, request, now)
         self._missed = 0
         unit.heard_at = now
         if meaning is not None:
@@ -236,7 +237,7 @@ class Attempts:
         if heard is not None and how == "no reply" and is_there(job.request, heard):
             self._units.heard(unit, self._clock.now)
         owed_until = max(self._pair.owed_until, self._clock.now)
-        unit.unheard(job.sent_at)
+        unit.unheard(job.sent_at, self._clock.now)
         if unit.attached is not None and how != "cut":
             unit.tell(unit.attached.on_unanswered, job.sent_at)
         self._units.owes(unit, job, owed_until)
@@ -246,7 +247,8 @@ class Attempts:
         if how == "no reply":
             if not frame:
                 if job.attempts == 1 and self._clock.now < owed_until and not job.backs_off:
-                    job.patient_until = job.sent_at + self._repeating.retries_of(job) * (owed_until - job.sent_at)
+                    waits = unit.waits(job, self._config.retries)
+                    job.patient_until = job.sent_at + (waits - 1) * (owed_until - job.sent_at)
                 unit.reply_times.missed(job, share_lost(*unit.reach.loss.counts))
                 self._pair.host.missed()
                 self._gate.silent[unit] = owed_until
@@ -347,7 +349,7 @@ class Attempts:
         job.reply = frame
         if job.code == ACCEPTED:
             self._units.owes(unit, job, now)
-        self._units.answered(unit, job.request)
+        self._units.answered(unit, job.request, now)
         unit.heard_at = now
         self._note_one(job, frame, "reply" if meaning is None else "refused")
         if meaning is None:

@@ -78,7 +78,7 @@ class Owner:
         self.units = UnitStates(config, in_order, config.late_reply_window_of(gateway), native=native)
         self.pair = SerialLine(line, silence, echo, now)
         self.watchdogs = WatchdogMaker(self.pair, self.journal)
-        self.gate = AdmissionControl(self.pair, self.units, self.feeding, config.turnaround)
+        self.gate = AdmissionControl(self.pair, self.units, self.feeding, config)
         self._register_writes = RegisterWrites(self.feeding, self.gate.hearing, self.watchdogs.make)
         self._timers = Timers()
         self.queue = Queue()

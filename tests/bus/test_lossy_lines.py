@@ -109,14 +109,36 @@ def test_the_last_attempt_may_be_answered_for_as_long_as_the_unit_may_take() -> 
     assert job.attempts <= 7
 
 
+def read_while_busy(rig: Rig, unit: Scripted, seconds: float) -> tuple[Outcome | None, float]:
+    """What a read is told, and after how long, of a unit that hears nothing for so long, and is read until it does."""
+    begun = rig.now
+    hears = unit.receive
+    unit.receive = lambda frame, now: hears(frame, now) if now > begun + seconds else None  # type: ignore[method-assign]
+    rig.done(first := rig.submit(read_holding(1, 0, 2)))
+    job = first
+    while job.outcome is not Outcome.REPLY:
+        rig.run(0.03)
+        rig.done(job := rig.submit(read_holding(1, 0, 2)))
+    rig.run(0.6)  # nothing is owed any more
+    return first.outcome, first.ended_at - begun
+
+
 def test_a_unit_that_is_busy_for_as_long_as_its_attempts_may_take_is_asked_until_then() -> None:
     rig, unit = taught(retries=2)
-    deaf_until = rig.now + 0.18
-    hears = unit.receive
-    unit.receive = lambda frame, now: hears(frame, now) if now > deaf_until else None  # type: ignore[method-assign]
-    job = rig.submit(read_holding(1, 0, 2))
-    rig.done(job)
-    assert job.outcome is Outcome.REPLY
+    for seconds in (0.1, 0.18):
+        outcome, _ = read_while_busy(rig, unit, seconds)
+        assert outcome is Outcome.REPLY
+
+
+def test_a_unit_whose_latest_silence_outlasted_all_attempts_is_waited_for_once() -> None:
+    rig, unit = taught(retries=2)
+    outcome, after = read_while_busy(rig, unit, 0.6)
+    assert (outcome, after) == (Outcome.NO_REPLY, pytest.approx(0.3, abs=0.02))
+    for busy in (0.6, 0.5, 0.18):
+        outcome, after = read_while_busy(rig, unit, busy)
+        assert (outcome, after) == (Outcome.NO_REPLY, pytest.approx(0.12, abs=0.02))
+    outcome, _ = read_while_busy(rig, unit, 0.18)  # the latest one did not
+    assert outcome is Outcome.REPLY
 
 
 def test_others_are_asked_while_the_last_attempt_may_be_answered_still() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from rs485bus.bus.config import BusConfig
 from rs485bus.bus.line.serial_line import SerialLine
 from rs485bus.bus.schedule.job import FEED, NO_REASON, START, STOP, Job, Reason, Urgency
 from rs485bus.bus.schedule.pauses import PauseKeeper
@@ -19,9 +20,6 @@ from rs485bus.wire.frames import MAX_FRAME, Request
 _FOREVER = float("inf")
 _HELD_UP = 5.0
 """Seconds, at least, for which a job waits for late replies of its unit to end."""
-_ATTEMPTS = 3
-"""Reply timeouts for which a read is held up whose unit leaves questions unanswered: with the usual retries it takes as
-long to miss one."""
 _STOPPING = (Urgency.STOP, Urgency.CONFIRM)
 
 
@@ -32,7 +30,7 @@ class AdmissionControl:
         pair: the pair.
         units: what is known of each address.
         feeding: the armed watchdogs.
-        turnaround: seconds of silence after a broadcast.
+        config: how the bus behaves.
     """
 
     __slots__ = (
@@ -41,6 +39,7 @@ class AdmissionControl:
         "_feeding",
         "_line",
         "_pair",
+        "_retries",
         "_turnaround",
         "_units",
         "closed",
@@ -53,7 +52,7 @@ class AdmissionControl:
         "silent",
     )
 
-    def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding, turnaround: float) -> None:
+    def __init__(self, pair: SerialLine, units: UnitStates, feeding: Feeding, config: BusConfig) -> None:
         self._pair = pair
         self._line = pair.line
         self._echo = pair.exchange.question
@@ -61,7 +60,8 @@ class AdmissionControl:
         self._units = units
         self._by_address = units.by_address
         self._feeding = feeding
-        self._turnaround = turnaround
+        self._turnaround = config.turnaround
+        self._retries = config.retries
         self.ration = StopRation()
         """Of stops to devices that do not answer."""
         self.latched = False
@@ -219,8 +219,9 @@ class AdmissionControl:
             return _FOREVER
         unit = self._units[job.address]
         if job.expires_at is None and not job.request.writes and unit.leaves_questions:
-            expected = unit.reply_times.expected(job)[1] if unit.reach.gave_up else _ATTEMPTS * unit.reply_timeout
-            return job.held_up_since + expected
+            if unit.reach.gave_up:
+                return job.held_up_since + unit.reply_times.expected(job)[1]
+            return job.held_up_since + unit.waits(job, self._retries) * unit.reply_timeout
         return max(job.held_up_since, job.sent_at) + max(_HELD_UP, 3 * unit.late_reply_window)
 
     def waits_for_verdict(self, job: Job) -> bool:

@@ -130,7 +130,7 @@ class Stops:
         unit = self._units[watch.address]
         assert unit.attached is not None
         if self._clock.now >= watch.over:
-            unit.unheard(watch.heard_at, SILENT)
+            unit.unheard(watch.heard_at, self._clock.now, SILENT)
         self._lock(unit, watch, f"its watchdog may have stopped it: {reason}")
         unit.tell(unit.attached.interrupted, self._clock.now - watch.heard_at, reason)
 

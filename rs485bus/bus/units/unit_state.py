@@ -48,6 +48,7 @@ class UnitState:
         "heard_at",
         "is_questioned",
         "is_stops_only",
+        "kept_silent",
         "lapsed",
         "late",
         "late_reply_window",
@@ -67,6 +68,7 @@ class UnitState:
         "silent_since",
         "silent_until",
         "stood",
+        "unheard_until",
         "watchdog_ms",
     )
 
@@ -101,6 +103,10 @@ class UnitState:
         """Attempts in a row that were not answered, those cut short for a stop included."""
         self.silent_since = NEVER
         """When the first of them was made."""
+        self.unheard_until = NEVER
+        """Until when it was listened for in vain."""
+        self.kept_silent = 0.0
+        """Seconds for which its latest silence lasted at least that was longer than its reply may take."""
         self.silent_until = NEVER
         """No frame at all before this time."""
         self.locked = ""
@@ -130,10 +136,25 @@ class UnitState:
         """Whether it has answered none of its latest attempts, and had time for it."""
         return self.asked_in_vain >= SILENT and now >= self.silent_since + self.reply_timeout
 
-    def unheard(self, since: float, attempts: int = 1) -> None:
+    def unheard(self, since: float, now: float, attempts: int = 1) -> None:
         """So many attempts, the first one at `since`, were not answered."""
         self.silent_since = min(self.silent_since, since) if self.asked_in_vain else since
         self.asked_in_vain += attempts
+        self.unheard_until = now
+
+    def ends_silence(self, now: float) -> None:
+        """It is heard. A silence that was longer than its reply may take is its own, and not the line's."""
+        self.asked_in_vain = 0
+        if now - self.silent_since > self.reply_timeout:
+            self.kept_silent = self.unheard_until - self.silent_since
+
+    def waits(self, job: Job, retries: int) -> int:
+        """For how many times its reply timeout a job is repeated until it is given up: as many as it has attempts. A
+        read of a plain unit whose latest silence outlasted that waits for one."""
+        attempts = 1 + (retries if job.retries is None else job.retries)
+        outlasted = self.kept_silent > attempts * self.reply_timeout
+        is_plain = self.attached is None and job.expires_at is None and not job.request.writes
+        return 1 if outlasted and is_plain else attempts
 
     @property
     def leaves_questions(self) -> bool:

@@ -106,9 +106,10 @@ class UnitStates:
             if unit.attached is not None and (not job.is_broadcast or unit.hears(job.request)):
                 unit.tell(unit.attached.on_sent, job.request, at)
 
-    def answered(self, unit: UnitState, request: Request) -> None:
+    def answered(self, unit: UnitState, request: Request, now: float) -> None:
         """The unit answered a request: it is not offline."""
-        unit.asked_in_vain = 0
+        if unit.asked_in_vain:
+            unit.ends_silence(now)
         if request is not unit.answers.latest:
             unit.answers.add(request)
         if unit.reach.answered():
@@ -118,7 +119,8 @@ class UnitStates:
 
     def heard(self, unit: UnitState, now: float) -> None:
         """The unit gave a sign of life that answers nothing that is waited for."""
-        unit.asked_in_vain = 0
+        if unit.asked_in_vain:
+            unit.ends_silence(now)
         if unit.reach.heard(now):
             self.lost.discard(unit)
 

@@ -75,6 +75,14 @@ def positive(name: str, value: SupportsFloat | SupportsIndex, unless: str = "") 
     return number
 
 
+def rate(name: str, value: SupportsFloat | SupportsIndex) -> float:
+    """A ramp: a number above 0; infinity for a jump."""
+    number = real(name, value, "a number above 0, or infinity for a jump")
+    if number <= 0:
+        raise LimitExceeded(f"{name} must be above 0, or infinity for a jump, not {number:g}")
+    return number
+
+
 def flag(name: str, value: bool) -> bool:
     """True or False; 1 or 0 will do."""
     try:

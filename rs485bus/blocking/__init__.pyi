@@ -742,8 +742,11 @@ class DifferentialDrive:
         zlac: the drive and its wheels.
         wheel_radius: metres, up to 5.
         track: metres between the wheels where they touch the ground, up to 50.
-        acceleration: m/s² of a wheel; None for the wheels' own.
+        acceleration: m/s² of a wheel, infinity for jumps; None for the wheels' own.
         variance: of the way of a wheel, in m² for each metre that it goes: what slip and worn tyres make of it.
+
+    Raises:
+        LimitExceeded, TypeError: one of them is out of its range, or of a wrong type.
     """
     zlac: Zlac8015d
     wheel_radius: float

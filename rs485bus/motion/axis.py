@@ -13,7 +13,7 @@ from typing import Any
 
 import anyio
 
-from rs485bus.arguments import positive, real, whole
+from rs485bus.arguments import flag, positive, real, whole
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.units.adapter import DeviceAdapter
@@ -336,7 +336,7 @@ class Axis:
         def carry_out(move: Move) -> Awaitable[float]:
             return self._run(move, signed, parameters, duration, ticks)
 
-        return self._commands.run(rpm, carry_out, timed=duration is not None, replace=replace)
+        return self._commands.run(rpm, carry_out, timed=duration is not None, replace=flag("replace", replace))
 
     def _recount(self) -> None:
         """The drive counts otherwise than was known."""
@@ -351,7 +351,7 @@ class Axis:
 
     @tolerance.setter
     def tolerance(self, counts: int) -> None:
-        self._executor.tolerance = counts
+        self._executor.tolerance = whole("tolerance", counts, 0)
 
     # For groups, for the bus, and for tools
 

@@ -9,6 +9,8 @@ from rs485bus.errors import LimitExceeded
 from rs485bus.motion.drive import Ability, Drive
 from rs485bus.motion.parameters import MotionParameters
 
+_FAR = 1 << 64
+"""Counts that no drive gets to."""
 _AS_ASKED = 0.05
 """By which part the drive may be faster or slower than asked before that is refused."""
 
@@ -39,12 +41,30 @@ class AxisScale:
         reverse: bool,
         limits: tuple[float, float] | None,
     ) -> None:
-        self.units_per_turn = positive("units_per_turn", units_per_turn, "; use reverse=True to turn the other way")
-        self.reverse = flag("reverse", reverse)
+        self.units_per_turn = units_per_turn
+        self.reverse = reverse
         self.limits = limits
         self._drive = drive
         self._at = number
         self._name = name
+
+    @property
+    def units_per_turn(self) -> float:
+        """Positions are in units of this many to a turn of the motor."""
+        return self._units_per_turn
+
+    @units_per_turn.setter
+    def units_per_turn(self, units: float) -> None:
+        self._units_per_turn = positive("units_per_turn", units, "; use reverse=True to turn the other way")
+
+    @property
+    def reverse(self) -> bool:
+        """Whether positive is the other way round."""
+        return self._reverse
+
+    @reverse.setter
+    def reverse(self, reverse: bool) -> None:
+        self._reverse = flag("reverse", reverse)
 
     @property
     def limits(self) -> tuple[float, float] | None:
@@ -77,9 +97,10 @@ class AxisScale:
 
     def to_counts(self, units: float) -> int:
         """Counts of the drive. Raises `LimitExceeded` for what is no number, or has no end."""
-        if not math.isfinite(units):
+        counts = units / self.units_per_turn * self.ability.counts_per_turn
+        if not math.isfinite(counts):
             raise LimitExceeded(f"{self._name}: {units:g} is no position and no distance; those are finite numbers.")
-        return self.sign * round(units / self.units_per_turn * self.ability.counts_per_turn)
+        return self.sign * round(counts)
 
     def to_units(self, counts: int) -> float:
         """A position, or a distance, of so many counts of the drive."""
@@ -97,7 +118,9 @@ class AxisScale:
         """The axis' limits in counts, the lower one first; None for none."""
         if self.limits is None:
             return None
-        low, high = sorted(map(self.to_counts, self.limits))
+        # What has no end is further than any drive counts.
+        most = _FAR * self.units_per_turn / self.ability.counts_per_turn
+        low, high = sorted(self.to_counts(min(max(end, -most), most)) for end in self.limits)
         return low, high
 
     def target(self, position: float, reach: tuple[int, int] | None = None) -> int:

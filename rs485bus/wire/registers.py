@@ -150,7 +150,7 @@ class Field(Generic[T]):
         if isinstance(self.into, enum.EnumType):
             self._check_choice(value)
         number = cast(Any, value)
-        if not isinstance(number, int | float):
+        if not isinstance(number, int | float) or (isinstance(number, bool) and self.into is None):
             number = real(self.name, number, f"a number in {self._range}")
         low, high = self._ends
         if not low <= number <= high:

@@ -4,13 +4,14 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from typing import Any
 
 import pytest
 
 from rs485bus import MksServo, TlrStepper, Zlac8015d, open_bus
 from rs485bus.devices.axis import Axis
 from rs485bus.devices.tlr import Path
-from rs485bus.errors import LimitExceeded
+from rs485bus.errors import LimitExceeded, NotSupported
 from rs485bus.sim import SimMks, SimTlr, SimZlac, VirtualLine
 from tests.devices.stream_rig import FAMILIES, Make, rig
 from tests.integration.support import virtual
@@ -105,3 +106,76 @@ async def test_limits_that_are_none_are_refused_when_they_are_set_later_as_well(
             with pytest.raises(LimitExceeded):
                 await axis.move_to(2.0)
             axis.limits = None
+
+
+@pytest.mark.parametrize("name", ["units_per_turn", "reverse", "tolerance"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1, 1.5, "1", None, []])
+@virtual
+async def test_what_an_axis_is_made_of_is_checked_when_it_is_set_later_as_well(name: str, value: object) -> None:
+    if name == "units_per_turn" and value == 1.5:
+        return
+    async with axes() as (all_axes, writes):
+        for axis in all_axes:
+            before = getattr(axis, name)
+            with pytest.raises((LimitExceeded, ValueError, TypeError), match=name):
+                setattr(axis, name, value)
+            assert getattr(axis, name) == before
+        assert writes() == 0
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308])
+@virtual
+async def test_a_number_whose_counts_have_no_end_is_refused_as_one_out_of_range(value: float) -> None:
+    async with axes() as (all_axes, writes):
+        for axis in all_axes:
+            verbs: list[Callable[[float], object]] = [axis.move_to, axis.move_by]
+            if isinstance(axis, MksServo | TlrStepper):
+                verbs += [axis.retarget, lambda at, axis=axis: axis.run(10, duration=abs(at))]
+            for verb in verbs:
+                with pytest.raises(LimitExceeded):
+                    verb(value)
+            with pytest.raises((LimitExceeded, NotSupported)):
+                axis.watchdog(abs(value))
+        assert writes() == 0
+
+
+@pytest.mark.parametrize("limits", [(-1.0, math.inf), (-math.inf, 1.0), (-1e308, 1e308)])
+@virtual
+async def test_an_axis_with_an_end_on_one_side_only_runs_and_follows(limits: tuple[float, float]) -> None:
+    async with axes() as (all_axes, _):
+        for axis in all_axes:
+            axis.limits = limits
+            await axis.set_zero()
+            await axis.run(30, duration=0.2)
+            async with axis.stream() as setpoint:
+                setpoint(30)
+                await asyncio.sleep(0.2)
+            assert await axis.position() > 0.05
+
+
+@virtual
+async def test_what_is_no_register_or_no_flag_is_named() -> None:
+    wrong: Any
+    line = VirtualLine(SimZlac(2), SimTlr(3))
+    async with open_bus(line) as bus:
+        base, stepper = Zlac8015d(bus, 2), TlrStepper(bus, 3)
+        for wrong in (3, "speed", None):
+            for call in (base.parameter, stepper.read):
+                with pytest.raises(TypeError, match="register must be made like"):
+                    await call(wrong)
+            with pytest.raises(TypeError, match="register must be made like"):
+                base.set_parameter(wrong, 1)
+            with pytest.raises(TypeError, match="register must be made like"):
+                stepper.write(wrong, 1)
+            with pytest.raises(LimitExceeded, match="side"):
+                await base.parameters(wrong)
+        wrong = "no"
+        with pytest.raises(TypeError, match="replace"):
+            base.run(1, 1, replace=wrong)
+        with pytest.raises(TypeError, match="replace"):
+            stepper.run(1, replace=wrong)
+        with pytest.raises(TypeError, match="torque"):
+            base.torque(0, True)
+        with pytest.raises(LimitExceeded, match="duration"):
+            base.run(1, 1, duration=1e-12)
+        assert line.pair.frames == 0

@@ -30,7 +30,7 @@ def check_watchdog(attached: DeviceAdapter, timeout: float) -> int:
             f"{attached.family} {attached.address} has no watchdog: it does not notice when the host is gone. "
             "Cut its power by a safety relay that something else watches."
         )
-    milliseconds = round(timeout * 1000) if math.isfinite(timeout) else 0
+    milliseconds = round(timeout * 1000) if math.isfinite(timeout * 1000) else 0
     if not 1 <= milliseconds <= watchdog.highest:
         raise LimitExceeded(
             f"A watchdog of {timeout:g} s is outside 0.001..{watchdog.highest / 1000:.10g} s for "

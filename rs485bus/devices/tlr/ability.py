@@ -26,6 +26,10 @@ class TlrAbility(Ability):
         self._name = name
 
     @property
+    def ramp_step(self) -> float:
+        return 0.001
+
+    @property
     def target_range(self) -> tuple[int, int]:
         return r.TARGET.number.low, r.TARGET.number.high
 
@@ -51,7 +55,7 @@ class TlrAbility(Ability):
         return replace(parameters, deceleration=self._rate(parameters.speed_code, time), down_code=time)
 
     def ticks(self, duration: float) -> int:
-        if not 0.0005 < duration < math.inf:
+        if not duration > 0.0005 or not math.isfinite(duration * 1000):
             raise LimitExceeded(f"{self._name}: duration {duration:g} s is not 0.001 s or more, with an end")
         return round(duration * 1000)
 

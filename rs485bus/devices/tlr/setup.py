@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, TypeVar
 
-from rs485bus.arguments import whole
+from rs485bus.arguments import instance, whole
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.drive import TlrDrive
@@ -156,7 +156,7 @@ class TlrSetup(Axis):
 
     async def read(self, register: Register[T]) -> T:
         """Ask for any parameter: `await stepper.read(registers.INPUT_FILTER)`. Settings queued before are done then."""
-        value: T = await self._parameters.ask(register)
+        value: T = await self._parameters.ask(instance("register", register, Register, "registers.INPUT_FILTER"))
         return value
 
     def write(self, register: Register[T], value: T, *, manufacturer: bool = False) -> Handle[None]:
@@ -171,6 +171,7 @@ class TlrSetup(Axis):
             LimitExceeded: the value is out of its range; nothing is queued.
             NotSupported: it is not to be written in this way; nothing is queued.
         """
+        instance("register", register, Register, "registers.INPUT_FILTER")
         if register.address in _GUARDED and not manufacturer:
             raise NotSupported(
                 f"{self.name}: {register.name} (0x{register.address:X}) is set by the manufacturer for the motor; a "

@@ -111,8 +111,10 @@ class ZlacAbility(Ability):
         return self.parameters(float(max(1, round(rpm))), acceleration)
 
     def ticks(self, duration: float) -> int | None:
-        if not 0 < duration < math.inf:
-            raise LimitExceeded(f"{self._name}: duration {duration:g} s is not above 0 s, with an end; None has none")
+        if not 0.001 <= duration < math.inf:
+            raise LimitExceeded(
+                f"{self._name}: duration {duration:g} s is not 0.001 s or more, with an end; None has none"
+            )
         return None  # the drive does not time a run
 
     def ramp_time(self, change: float, acceleration: float) -> float:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import anyio
 
-from rs485bus.arguments import finite, instance, positive, real
+from rs485bus.arguments import finite, instance, positive, rate
 from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.zlac.odometry import Odometry, OdometrySample, Pose
@@ -114,8 +114,11 @@ class DifferentialDrive:
         zlac: the drive and its wheels.
         wheel_radius: metres, up to 5.
         track: metres between the wheels where they touch the ground, up to 50.
-        acceleration: m/s² of a wheel; None for the wheels' own.
+        acceleration: m/s² of a wheel, infinity for jumps; None for the wheels' own.
         variance: of the way of a wheel, in m² for each metre that it goes: what slip and worn tyres make of it.
+
+    Raises:
+        LimitExceeded, TypeError: one of them is out of its range, or of a wrong type.
     """
 
     def __init__(
@@ -130,8 +133,10 @@ class DifferentialDrive:
         self.zlac = instance("zlac", zlac, Zlac8015d, "Zlac8015d(bus, 1), the drive of both wheels")
         self.wheel_radius = _metres("wheel_radius", wheel_radius, _LARGEST_WHEEL)
         self.track = _metres("track", track, _WIDEST)
-        self._variance = real("variance", variance)
-        self._acceleration = None if acceleration is None else self._rpm(real("acceleration", acceleration))
+        self._variance = finite("variance", variance)
+        if self._variance < 0:
+            raise LimitExceeded(f"variance must be 0 or more, not {self._variance:g}")
+        self._acceleration = None if acceleration is None else self._rpm(rate("acceleration (m/s²)", acceleration))
         self._begin = Pose()
         self._odometry: Odometry | None = None
         self._counts = (0, 0)
@@ -172,7 +177,7 @@ class DifferentialDrive:
             LimitExceeded: a wheel would have to turn too fast.
             TypeError: a speed is no number.
         """
-        v, omega = real("v", v), real("omega", omega)
+        v, omega = finite("v (m/s)", v), finite("omega (rad/s)", omega)
         left, right = (self._rpm(v + side * omega * self.track / 2) for side in (-1, 1))
         return self.zlac.run(self._step(left), self._step(right), acceleration=self._acceleration, replace=True)
 
@@ -218,7 +223,7 @@ class DifferentialDrive:
                 times.append(abs(right - left) / self.track / about)
             return max(times)
 
-        stream = self.zlac._stream_as(positive("timeout (s)", timeout), wheels, needs)
+        stream = self.zlac._stream_as(timeout, wheels, needs)
         return VehicleStream(self, stream, limits[0], limits[1])
 
     def enable(self) -> Both[None]:
@@ -254,7 +259,7 @@ class DifferentialDrive:
         Raises:
             NoReply, DeviceOffline: the drive has not answered for longer.
         """
-        pace = Pace(every, self._wheels.now())
+        pace = Pace(positive("every (s)", every), self._wheels.now())
         while True:
             try:
                 yield await self.update()
@@ -265,8 +270,10 @@ class DifferentialDrive:
 
     async def reset(self, pose: Pose | None = None) -> None:
         """Say where it is; None for the origin. Counting goes on from the present counts."""
-        self._lost, self._odometry = "", None
-        self._begin = pose or Pose()
+        begin = Pose() if pose is None else instance("pose", pose, Pose, "Pose(x=1.0, y=0.5, heading=0.0)")
+        for name in ("x", "y", "heading"):
+            finite(name, getattr(begin, name))
+        self._lost, self._odometry, self._begin = "", None, begin
         await self.update()
 
     def _start(self) -> None:

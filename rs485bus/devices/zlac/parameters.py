@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final, TypeVar
 
+from rs485bus.arguments import instance
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import write
 from rs485bus.devices.zlac.known import KnownZlac
@@ -24,7 +25,7 @@ _SET_ELSEWHERE: Final[tuple[Register[Any], ...]] = (
 
 def check_parameter(drive: KnownZlac, register: Register[T], value: T) -> None:
     """Raise `LimitExceeded` or `NotSupported` for what is not to be set."""
-    register.raw(value)
+    instance("register", register, Register, "registers.QUICK_STOP_TIME.of(Side.LEFT)").raw(value)
     if register.access == "r" or register in _SET_ELSEWHERE:
         raise NotSupported(
             f"{drive.name}: {register.name} (0x{register.address:04X}) cannot be set, or not as a parameter. If it "

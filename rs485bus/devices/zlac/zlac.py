@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal, TypeVar
 
-from rs485bus.arguments import flag, pair, positive
+from rs485bus.arguments import choice, flag, instance, pair, positive, rate
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import Handle
 from rs485bus.bus.schedule.job import Urgency
@@ -202,6 +202,7 @@ class Zlac8015d:
             replace: do not wait until the pair has the speeds told before. Such a run ends as done; one that has not
                 begun is cancelled.
         """
+        replace = flag("replace", replace)
         both = self._pair(lambda wheel, rpm: wheel.run(rpm, acceleration=acceleration, duration=duration), left, right)
         if replace:
             for earlier in self._runs:
@@ -230,14 +231,14 @@ class Zlac8015d:
         Raises:
             LimitExceeded, TypeError: one of them is out of its range, or no number.
         """
-        rate = positive("acceleration (rpm/s)", self.left.acceleration if acceleration is None else acceleration)
-        return self._stream_as(positive("timeout (s)", timeout), rate)
+        return self._stream_as(timeout, self.left.acceleration if acceleration is None else acceleration)
 
     def _stream_as(
         self, timeout: float, acceleration: float, needs: Callable[[Speeds], float] | None = None
     ) -> PairStream:
         """The same where a change of both speeds takes as long as `needs` says, in seconds. For a vehicle."""
-        return PairStream(self._drive, self._wheels, self._queue_stream, self.stop, timeout, acceleration, needs)
+        told = positive("timeout (s)", timeout), rate("acceleration (rpm/s)", acceleration)
+        return PairStream(self._drive, self._wheels, self._queue_stream, self.stop, *told, needs)
 
     def _queue_stream(self, begin: Begin) -> tuple[Move, Move]:
         """Queue a stream of both wheels."""
@@ -312,12 +313,13 @@ class Zlac8015d:
 
     async def parameter(self, register: Register[T]) -> T:
         """What one of `registers` holds."""
+        instance("register", register, Register, "registers.RATED_CURRENT.of(Side.LEFT)")
         return register.decode(payload(await self.bus.ask(read(self.address, register))))
 
     async def parameters(self, side: Side) -> dict[str, float]:
         """All parameters of one motor, by name, in their units."""
         parameters = {}
-        for block in r.PARAMETER_BLOCKS[side]:
+        for block in r.PARAMETER_BLOCKS[choice("side", side, Side)]:
             values = await self._read_block(block)
             parameters.update({field.name: value for field, value in zip(block.fields, values, strict=True)})
         return parameters

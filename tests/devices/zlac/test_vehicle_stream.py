@@ -2,14 +2,16 @@
 
 import asyncio
 import math
+from typing import Any
 
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from rs485bus import DifferentialDrive
+from rs485bus.devices.zlac.odometry import Pose
 from rs485bus.devices.zlac.values import Fault, Side
-from rs485bus.errors import DriveFault
+from rs485bus.errors import DriveFault, LimitExceeded
 from rs485bus.motion.streaming import STEP
 from rs485bus.sim import Noise
 from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
@@ -225,3 +227,48 @@ async def test_a_fault_of_one_wheel_ends_the_stream_and_stops_both(side: Side) -
         async with car.stream() as setpoint:
             setpoint(0.2, 0.0)
             await asyncio.sleep(0.2)
+
+
+@pytest.mark.parametrize("acceleration", [-0.5, 0.0, -math.inf, math.nan])
+@on_virtual_clock
+async def test_a_ramp_that_is_none_is_refused_and_is_not_a_jump(acceleration: float) -> None:
+    async with plant() as p:
+        with pytest.raises(LimitExceeded, match="acceleration"):
+            DifferentialDrive(p.base, RADIUS, TRACK, acceleration=acceleration)
+        p.base.left.acceleration = acceleration
+        with pytest.raises(LimitExceeded, match="acceleration"):
+            DifferentialDrive(p.base, RADIUS, TRACK).stream()
+
+
+@on_virtual_clock
+async def test_what_a_vehicle_is_told_is_checked_before_anything_is_sent_or_forgotten() -> None:
+    wrong: Any
+    async with plant() as p:
+        car = DifferentialDrive(p.base, RADIUS, TRACK)
+        await car.update()
+        sent = p.line.pair.frames
+        for wrong in (math.inf, -math.inf, math.nan):
+            for v, omega in ((wrong, 0.0), (0.0, wrong)):
+                with pytest.raises(LimitExceeded, match="finite"):
+                    car.drive(v, omega)
+            with pytest.raises(LimitExceeded, match="heading"):
+                await car.reset(Pose(0.0, 0.0, wrong))
+        for wrong in ((1.0, 2.0, 0.5), 0, []):
+            with pytest.raises(TypeError, match="pose must be made like"):
+                await car.reset(wrong)
+        for wrong in (0.0, -1.0, math.nan):
+            with pytest.raises(LimitExceeded, match="every"):
+                await anext(car.poses(wrong))
+        with pytest.raises(LimitExceeded, match="variance"):
+            DifferentialDrive(p.base, RADIUS, TRACK, variance=-1.0)
+        assert p.line.pair.frames == sent
+        assert car.sample is not None
+        await car.update()
+
+
+@on_virtual_clock
+async def test_wheels_follow_without_a_ramp_where_that_is_said() -> None:
+    async with plant() as p, p.base.stream(acceleration=math.inf) as setpoint:
+        setpoint(60, 60)
+        await asyncio.sleep(0.1)
+        assert setpoint.sent == (60, 60)

@@ -22,6 +22,7 @@ from rs485bus.devices.mks.provisioning import Place, Provisioned
 from rs485bus.errors import AddressInUse, NoReply, NotStanding, NotSupported, OutcomeUnknown, RequestFailed
 from rs485bus.plant.families import families
 from rs485bus.transport.interface import Transport
+from rs485bus.wire.frames import read_holding
 from rs485bus.wire.timing import LineSettings
 
 PowerCycle = Callable[[str], Awaitable[bool]]
@@ -129,7 +130,7 @@ class NewDrive:
         async with self._open(old.baudrate) as bus:
             if not await self._answers(bus, old.address):
                 raise NoReply(f"Nobody answers: {old}. Check power, wires, address and baud rate.")
-            if new.address != old.address and await self._answers(bus, new.address):
+            if new.address != old.address and await self._is_taken(bus, new.address):
                 raise AddressInUse(
                     f"Somebody answers at address {new.address} already. Only one drive may be on the pair for this."
                 )
@@ -156,6 +157,11 @@ class NewDrive:
     async def _answers(self, bus: Bus, address: int) -> bool:
         found = await recognise(bus, address, self.baudrate, self.format)
         return found.reply_ms is not None
+
+    async def _is_taken(self, bus: Bus, address: int) -> bool:
+        return await self._answers(bus, address) or await provisioning.somebody_answers(
+            bus, read_holding(address, 0, 1)
+        )
 
     async def _find(self, *places: Place) -> Place | None:
         for place in places:

@@ -1508,6 +1508,11 @@ class TlrSetup(Axis):
 
         Whether it counts at once or after `save()` and a power cycle is not said. Make a new `TlrStepper` for it then.
         If the answer is lost, `OutcomeUnknown` is raised: ask for it at both addresses.
+
+        Raises:
+            AddressInUse: there is a facade for that address on this bus; or, when awaited, somebody answers there. Two
+                drives at one address cannot be told apart any more, and both do what one is told. Nothing is changed.
+            NotStanding: when awaited: the motor turns.
         """
         ...
     def set_subdivision(self, pulses: int) -> Handle[None]:

@@ -171,14 +171,27 @@ async def _find(port: Port, *places: Place) -> Place | None:
 
 
 async def _answers(bus: Bus, address: int) -> bool:
-    """Whether somebody is there. A refusal is an answer, too: of a drive of another family."""
-    try:
-        await bus.ask(read(address, r.STATUS))
-    except NoReply:
-        return False
-    except DeviceRefused:
-        pass
-    return True
+    """Whether somebody is there."""
+    return await somebody_answers(bus, read(address, r.STATUS))
+
+
+async def somebody_answers(bus: Bus, request: Request) -> bool:
+    """Whether somebody answers a read. A refusal is an answer, too: of a drive of another family.
+
+    Before nobody is said to be there, it is asked in several rounds, and with pauses in which late replies go by: where
+    the line loses some, a second drive would be overlooked else, and both have one address then.
+    """
+    for turn in range(_ATTEMPTS):
+        if turn:
+            await anyio.sleep(_SETTLES)
+        try:
+            await bus.ask(request)
+        except NoReply:
+            continue
+        except DeviceRefused:
+            pass
+        return True
+    return False
 
 
 async def _acknowledges(bus: Bus, request: Request) -> bool:

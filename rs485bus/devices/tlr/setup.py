@@ -5,19 +5,21 @@ What is written holds until the drive is switched off, unless it was saved.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from rs485bus.arguments import instance, whole
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.drive import TlrDrive
-from rs485bus.devices.tlr.frames import words, write
+from rs485bus.devices.tlr.frames import read, words, write
 from rs485bus.devices.tlr.parameters import TlrParameters
 from rs485bus.devices.tlr.values import Auxiliary, BaudRate, LimitStop, OperatingMode, SerialFormat
-from rs485bus.errors import NotSupported, ReferenceLost
+from rs485bus.errors import AddressInUse, DeviceRefused, NoReply, NotSupported, ReferenceLost
 from rs485bus.motion.axis import Axis
 from rs485bus.motion.diagnosis import LOST
-from rs485bus.motion.plan import Ask, Plan, Stand
+from rs485bus.motion.plan import Ask, MustStand, Pause, Plan, Stand
 from rs485bus.wire.frames import MAX_ADDRESS
 from rs485bus.wire.registers import Field, Register, Repeat
 
@@ -34,6 +36,8 @@ _VERBS: dict[Register[Any] | Field[Any], str] = {
     **dict.fromkeys(r.POSITIONING.fields, "move_to()"),
 }
 """What there is a verb for, because more depends on it."""
+_ROUNDS = (0.0, 0.5)
+"""Seconds before each round of questions whether somebody is there: one more, and the bus would take it for offline."""
 _FREE = frozenset(register.address for register in r.SETTINGS if register not in _VERBS)
 
 
@@ -109,8 +113,27 @@ class TlrSetup(Axis):
 
         Whether it counts at once or after `save()` and a power cycle is not said. Make a new `TlrStepper` for it then.
         If the answer is lost, `OutcomeUnknown` is raised: ask for it at both addresses.
+
+        Raises:
+            AddressInUse: there is a facade for that address on this bus; or, when awaited, somebody answers there. Two
+                drives at one address cannot be told apart any more, and both do what one is told. Nothing is changed.
+            NotStanding: when awaited: the motor turns.
         """
-        return self._reach_by(r.STATION, whole("station", unit, 1, MAX_ADDRESS))
+        station = whole("station", unit, 1, MAX_ADDRESS)
+        if station == self._tlr.address:
+            return self._reach_by(r.STATION, station)
+        if any(device.address == station for device in self.bus.devices):
+            raise AddressInUse(f"{self.name}: address {station} has a facade on this bus already: name a free one.")
+
+        def check_free() -> Plan[None]:
+            for pause in _ROUNDS:  # some of its replies may be lost, or late
+                yield Pause(pause)
+                with suppress(NoReply):
+                    with suppress(DeviceRefused):
+                        yield Ask(read(station, r.STATION))
+                    raise AddressInUse(f"{self.name}: somebody answers at address {station} already: name a free one.")
+
+        return self._reach_by(r.STATION, station, check_free)
 
     def set_baudrate(self, baudrate: BaudRate) -> Handle[None]:
         """Its baud rate while SW5 is on. When it counts is not said, as for `set_station`; open the bus at it then."""
@@ -186,11 +209,17 @@ class TlrSetup(Axis):
 
     # Inside
 
-    def _reach_by(self, register: Register[Any], value: Any) -> Handle[None]:
-        """Queue the writing of what the drive is reached by: once, and without reading it back."""
+    def _reach_by(
+        self, register: Register[Any], value: Any, check: Callable[[], Plan[None]] | None = None
+    ) -> Handle[None]:
+        """Queue the writing of what the drive is reached by: once, and without reading it back. While it stands, for
+        nothing might reach it to stop it."""
         values = words(register.encode(value))
 
         def plan() -> Plan[None]:
+            yield MustStand(f"{register.name} = {value}")
+            if check is not None:
+                yield from check()
             yield Ask(write(self._tlr.address, register.address, values), repeat=Repeat.NEVER)
 
         return self._parameters.order(f"{register.name} = {value}", plan)

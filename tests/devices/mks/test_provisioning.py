@@ -1,5 +1,7 @@
 """One drive alone on the pair gets an address, a baud rate, and Modbus; what is not certain says so."""
 
+import itertools
+
 import pytest
 
 from rs485bus.devices.mks import BaudRate
@@ -13,7 +15,7 @@ from rs485bus.devices.mks.provisioning import (
 )
 from rs485bus.devices.mks.values import MotionDirection
 from rs485bus.errors import AddressInUse, DeviceRefused, LimitExceeded, NoReply, NotStanding
-from rs485bus.sim import SimMks, VirtualLine
+from rs485bus.sim import Noise, SimMks, VirtualLine
 from tests.devices.mks.bench import FlakyMks, on_virtual_clock
 
 
@@ -122,6 +124,19 @@ async def test_a_second_drive_on_the_pair_is_noticed_before_both_have_one_addres
     with pytest.raises(AddressInUse, match="Only one drive may be on the pair"):
         await set_address(Adapter(*sims), 17)
     assert [sim.address for sim in sims] == [1, 17]
+
+
+@pytest.mark.parametrize("noise", [Noise(lost_reply=0.3), Noise(late=0.3, late_by=0.5)])
+@on_virtual_clock
+async def test_nor_do_two_get_one_address_where_replies_are_lost_or_late(noise: Noise) -> None:
+    for seed in range(60):
+        sims = SimMks(1, baudrate=38400, answers_at_new=seed % 2 > 0), SimMks(5, baudrate=38400)
+        rates = itertools.count(100 * seed)
+        with pytest.raises((AddressInUse, NoReply)):
+            await set_address(
+                lambda rate, sims=sims, rates=rates: VirtualLine(*sims, baudrate=rate, noise=noise, seed=next(rates)), 5
+            )
+        assert sims[0].address == 1
 
 
 @on_virtual_clock

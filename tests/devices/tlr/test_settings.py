@@ -17,11 +17,19 @@ from rs485bus.devices.tlr import (
     SerialFormat,
 )
 from rs485bus.devices.tlr import registers as r
-from rs485bus.errors import DeviceRefused, LimitExceeded, NotSupported, OutcomeUnknown, ReferenceLost
-from rs485bus.sim import Dip, SimTlr, TlrMachine, VirtualLine
+from rs485bus.errors import (
+    AddressInUse,
+    DeviceRefused,
+    LimitExceeded,
+    NotStanding,
+    NotSupported,
+    OutcomeUnknown,
+    ReferenceLost,
+)
+from rs485bus.sim import Dip, SimTlr, SimUnit, TlrMachine, VirtualLine
 from rs485bus.wire.frames import crc
 from rs485bus.wire.registers import Register
-from tests.devices.tlr.support import TRIGGERS, lose, now, restart_at_once, stepper_on
+from tests.devices.tlr.support import TRIGGERS, lose, now, restart_at_once, stepper_on, writes
 from tests.integration.support import virtual
 
 
@@ -207,6 +215,36 @@ async def test_a_station_counts_where_the_switches_are_off(at_once: bool) -> Non
         assert await TlrStepper(x.bus, 33).read(r.STATION) == 33
         with pytest.raises(LimitExceeded, match=r"station 0 is outside 1\.\.247"):
             x.set_station(0)
+
+
+@virtual
+async def test_a_station_that_somebody_has_already_is_given_to_nobody() -> None:
+    sim, others = SimTlr(20, serial_at_once=True), (SimTlr(33), SimUnit(34, {}))
+    async with open_bus(VirtualLine(sim, *others)) as bus:
+        x = TlrStepper(bus, 20)
+        for station in (33, 34):
+            with pytest.raises(AddressInUse, match="somebody answers"):
+                await x.set_station(station)
+        TlrStepper(bus, 35)  # it is away
+        with pytest.raises(AddressInUse, match="has a facade"):
+            x.set_station(35)
+        assert not writes(sim, r.STATION.address)
+        await x.set_station(20)
+        await x.set_station(36)
+        assert sim.address == 36
+
+
+@virtual
+async def test_a_motor_that_turns_is_not_made_deaf_to_its_stop() -> None:
+    sim = SimTlr(20, serial_at_once=True)
+    async with stepper_on(sim) as x:
+        await x.enable()
+        await x.run(60)
+        for change in (lambda: x.set_station(33), lambda: x.set_baudrate(BaudRate.BAUD_19200)):
+            with pytest.raises(NotStanding):
+                await change()
+        assert sim.address == 20
+        await x.stop()
 
 
 @virtual

@@ -24,7 +24,9 @@ class BusConfig:
     reply_timeout: float = 0.1
     """How long a device may take before its answer begins, after the request has left the wire. 0.001..10."""
     retries: int = 2
-    """How often an unanswered request that may be repeated is sent again. 0..10."""
+    """How often an unanswered request that may be repeated is sent again. 0..10. It is repeated for as long as so many
+    attempts of `reply_timeout` take. A read without `timeout=` of a unit that is no drive, and was silent for longer
+    than that the last time, is given up after one."""
     turnaround: float = 0.1
     """Silence after a broadcast. 0..2."""
     late_reply_window: float = _PAIR_WINDOW

@@ -40,7 +40,8 @@ class AxisSample:
             scale: its units.
             knows_counts: it is known how the drive counts.
         """
-        position, speed, stands = state.last(Fact.POSITION), state.last(Fact.SPEED).value, state.stands
+        position, stands = state.last(Fact.POSITION), state.stands
+        speed = 0.0 if stands else state.value(Fact.SPEED)  # not one from before it was told otherwise
         return cls(
             at=position.at,
             age=now - position.at,

@@ -35,7 +35,7 @@ class Watch:
             n=0,
             at=self._clock.now() if sample.position is None else self._clock.of_loop(sample.at),
             position=sample.position,
-            rpm=0.0 if sample.moving is False else sample.rpm,
+            rpm=sample.rpm,
             moving=sample.moving,
             enabled=sample.enabled,
             fault=sample.fault,

@@ -310,6 +310,24 @@ async def test_a_stream_turns_it_and_its_end_stops_it(subject: Subject) -> None:
 
 @EACH
 @on_virtual_clock
+async def test_no_sample_tells_a_speed_from_before_the_axis_was_told_otherwise(subject: Subject) -> None:
+    async with rig(subject) as on:
+        for rpm in (60, 120):
+            await on.axis.run(rpm)
+            assert await on.axis.velocity() == pytest.approx(rpm, abs=8)
+            assert on.axis.sample.rpm == pytest.approx(rpm, abs=8)
+        await on.axis.stop()
+        assert (on.axis.sample.moving, on.axis.sample.rpm) == (False, 0.0)
+        await on.axis.move_by(1.0)
+        assert (on.axis.sample.moving, on.axis.sample.rpm) == (False, 0.0)
+        run = on.axis.run(200)
+        await asyncio.sleep(0.05)  # it was told by now
+        assert on.axis.sample.rpm in (None, pytest.approx(on.subject.motor(on.sim).rpm(now()), abs=40))
+        await run
+
+
+@EACH
+@on_virtual_clock
 async def test_any_reply_feeds_the_sample_and_samples_and_events_come(subject: Subject) -> None:
     async with rig(subject) as on:
         events: list[str] = []

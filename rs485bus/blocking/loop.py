@@ -52,6 +52,7 @@ class Call:
             if isinstance(result, CoroutineType):
                 self._coroutine = result
                 self._task = asyncio.get_running_loop().create_task(self._finish(result))
+                self._task.add_done_callback(self._cancelled)
                 return
             self.result = result
         self._end()
@@ -60,7 +61,6 @@ class Call:
         """Give up what is awaited. In the loop's thread, after it has begun."""
         if self._task is not None:
             self._task.cancel()
-            self._task.add_done_callback(self._cancelled)
 
     def without_loop(self) -> Any:
         """Its result, where nothing is to be waited for: what a bus that was closed has counted, say.
@@ -91,9 +91,10 @@ class Call:
             self._end()
 
     def _cancelled(self, task: asyncio.Task[None]) -> None:
-        """One that had not had its first turn has none then."""
+        """One that had not had its first turn has none then: it was given up, or the loop ends."""
         if task.cancelled() and self._coroutine is not None:
             self._coroutine.close()
+            self.error = BusClosed("The bus was closed before this had begun.")
             self._end()
 
     def _end(self) -> None:
@@ -141,7 +142,7 @@ class LoopThread:
 
     def begin(self, call: Call) -> bool:
         """Begin a call, and wait for nothing. False where the loop has ended."""
-        return self.post(call.begin, self._waited_for)
+        return self.post(self._begin, call)
 
     def call(self, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
         """Call a function in the loop's thread, and wait for its result; that of the coroutine, if it returns one."""
@@ -199,6 +200,10 @@ class LoopThread:
         """End the loop, and wait for its thread, unless this is it. No call is to be on its way."""
         if self.post(self._end.set_result, None) and not self.here:
             self._thread.join()
+
+    def _begin(self, call: Call) -> None:
+        if not self._end.done():  # else nobody would carry it out: who waits for it is told that the loop has ended
+            call.begin(self._waited_for)
 
     def _wait(self, call: Call, patient: bool, give_up: Callable[[], bool] | None) -> None:
         while not call.ended.acquire(True, _SLICE):

@@ -6,15 +6,18 @@ import gc
 import sys
 import threading
 import time
+import warnings
 import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import anyio
 import pytest
 
 from rs485bus import blocking
 from rs485bus.blocking.interrupts import interrupts as known_interrupts
+from rs485bus.blocking.loop import Call, LoopThread
 from rs485bus.errors import AddressInUse, BusClosed, LimitExceeded, MoveCancelled, WrongThread
 from rs485bus.sim import SimMks, SimTlr, SimUnit, SimZlac, VirtualLine
 
@@ -335,3 +338,27 @@ def test_buses_that_threads_open_and_close_at_once_are_all_known_to_ctrl_c() -> 
         sys.setswitchinterval(interval)
     assert [thread.exception() for thread in ended] == [None] * 4
     assert not interrupts._buses
+
+
+def test_a_call_that_begins_as_the_loop_ends_is_told_that_and_leaves_nothing_that_was_never_awaited() -> None:
+    thread, begun, late = LoopThread(None), Call(anyio.sleep, (1,), {}), Call(anyio.sleep, (1,), {})
+    soon = thread.loop.call_soon
+
+    def end() -> None:
+        thread._end.set_result(None)
+        # In the last turn of the loop: what begins then has no turn of its own any more.
+        for begin in (lambda: begun.begin(set()), lambda: Call(anyio.sleep, (1,), {}).begin(set())):
+            soon(soon, begin)
+        soon(soon, thread._begin, late)
+
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        thread.post(end)
+        thread._thread.join()
+        gc.collect()
+    assert not warned
+    assert isinstance(begun.error, BusClosed)
+    assert begun.ended.acquire(False)
+    assert late.ended.locked()  # it has not begun, and who waits for it looks whether the loop runs
+    with pytest.raises(BusClosed):
+        thread.carry_out(Call(anyio.sleep, (1,), {}))

@@ -308,9 +308,14 @@ class Drive(DeviceAdapter):
         """What a stop of an axis stops: that axis, or all of the drive."""
         return self.state.axes[axis].motion
 
+    def known_stops(self, motion: Motion) -> Sequence[Request]:
+        axes = (axis for axis in self.state.axes if motion in (axis.motion, self.motion))
+        return tuple(dict.fromkeys(axis.ramp_stop for axis in axes if axis.ramp_stop is not None))
+
     def stopping_time(self, emergency: bool) -> float:
         # It takes a while to see it stand, too.
-        return self.slows_down_for(emergency) + max(axis.rule.apart for axis in self.state.axes)
+        slows_down_for = self.slows_down_for(emergency and not self.goes_by_known_stops)
+        return slows_down_for + max(axis.rule.apart for axis in self.state.axes)
 
     def judgement(self, motion: Motion) -> StandstillDetector:
         axes = [at for at, axis in enumerate(self.state.axes) if axis.motion is motion]

@@ -105,7 +105,8 @@ class Start:
 
     request: Request
     stop: Request | None
-    """What stops the axis by its ramp from then on; None where the drive has no such stop."""
+    """What stops the axis from then on, by its ramp where there is such a stop. Where the family's own code fails in
+    `stops`, the axis is stopped by this. None where only `stops` says that."""
     stopping: float
     """Seconds that this takes."""
     repeat: Repeat = Repeat.VERIFY

@@ -14,7 +14,7 @@ from rs485bus.devices.mks.drive import MksWatchdog
 from rs485bus.errors import BusError, MoveFailed, StopUnconfirmed
 from rs485bus.wire.frames import Request, write_single
 from tests.conformance.acme import CONTROL, QUICK_STOP, AcmeDrive, AcmeServo
-from tests.conformance.subjects import SUBJECTS, now, rig
+from tests.conformance.subjects import SUBJECTS, Subject, now, rig
 from tests.devices.mks.bench import on_virtual_clock
 
 ACME = SUBJECTS[-1]
@@ -194,12 +194,35 @@ async def test_a_drive_whose_stop_cannot_be_made_is_told_as_not_standing_by_all_
     with pytest.RaisesGroup(StopUnconfirmed, allow_unwrapped=True):
         async with rig(ACME, count=2) as on:
             await on.axis.run(200)
+            on.axis._acme.state.axes[0].ramp_stop = None  # as if somebody else had set it in motion
             break_hook(on.axis, "stops")
             for _ in range(2):
                 async with asyncio.timeout(30):
                     with pytest.raises(StopUnconfirmed):
                         await on.axis.stop()
             await on.axes[1].move_by(1.0)
+
+
+@pytest.mark.parametrize("subject", SUBJECTS, ids=str)
+@pytest.mark.parametrize("how", ["stop", "emergency_stop", "bus", "close", "stream"])
+@on_virtual_clock
+async def test_a_drive_whose_stop_cannot_be_made_is_stopped_as_its_start_has_said(how: str, subject: Subject) -> None:
+    async with rig(subject, count=2) as on, asyncio.timeout(30):
+        async with on.axis.stream(acceleration=300) if how == "stream" else nullcontext() as setpoint:
+            if setpoint is None:
+                await on.axis.run(200, acceleration=300)
+            else:
+                setpoint(200)
+                await asyncio.sleep(1.5)
+            on.axis.attached.stops = fails
+        if how == "bus":
+            report = await on.bus.emergency_stop()
+            assert report.devices[0].standing
+        elif how != "close":
+            await (on.axis.emergency_stop() if how == "emergency_stop" else on.axis.stop())
+            assert not on.moving
+            await on.axes[1].move_by(1.0)
+    assert not on.moving
 
 
 @on_virtual_clock

@@ -246,9 +246,9 @@ class Halt:
 
     def _stop_frames(self) -> tuple[Request, ...]:
         if self._is_hard:
-            return tuple(self.attached.stops(self.motion, True))
+            return tuple(self.attached.stop_frames(self.motion, True))
         if self._frames is None:
-            self._frames = tuple(self.attached.stops(self.motion, False))
+            self._frames = tuple(self.attached.stop_frames(self.motion, False))
         return self._frames
 
     def _stop(self, pacing: Pacing) -> Procedure[None]:

@@ -5,6 +5,7 @@ Each family implements this once. It is pure: requests and replies, no waiting.
 
 from __future__ import annotations
 
+import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -13,6 +14,8 @@ from typing import Protocol
 from rs485bus.bus.units.motion import Motion
 from rs485bus.wire.answers import READ_WRITE, WRITE_MULTIPLE, WRITE_SINGLE
 from rs485bus.wire.frames import Request
+
+_log = logging.getLogger("rs485bus")
 
 
 class StandstillDetector(ABC):
@@ -107,6 +110,9 @@ class DeviceAdapter(ABC):
     longest: int = 51
     """Bytes, request and reply together, of the longest request that its facade makes but for those that disrupt."""
 
+    goes_by_known_stops = False
+    """The latest stop of it could not be made: it was told what was known to stop it."""
+
     @abstractmethod
     def reads(self) -> Sequence[Request]:
         """Reads without side effects, the most telling first, each with a reply of another length."""
@@ -114,6 +120,25 @@ class DeviceAdapter(ABC):
     @abstractmethod
     def stops(self, motion: Motion, emergency: bool) -> Sequence[Request]:
         """The frames that stop it, or the part of it named: as fast as it can, or with its ramp."""
+
+    def known_stops(self, motion: Motion) -> Sequence[Request]:
+        """Frames known from before that stop it, or the part of it named, if with its ramp only; empty for none."""
+        return ()
+
+    def stop_frames(self, motion: Motion, emergency: bool) -> Sequence[Request]:
+        """What it is told to stop: `stops`, or what is known from before where the family's own code fails in that."""
+        try:
+            frames = self.stops(motion, emergency)
+        except Exception:
+            known = self.known_stops(motion)
+            if not known:
+                raise
+            if not self.goes_by_known_stops:
+                _log.exception("unit %d is stopped as it was to be when it started: stops failed", self.address)
+            self.goes_by_known_stops = True
+            return known
+        self.goes_by_known_stops = False
+        return frames
 
     @abstractmethod
     def stopping_time(self, emergency: bool) -> float:

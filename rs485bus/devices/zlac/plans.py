@@ -172,7 +172,7 @@ def move(drive: KnownZlac, wanted: Mapping[int, tuple[int, MotionParameters]]) -
         drive.state.axes[axis].rule.shows_after(parameters.acceleration / 60 * drive.abilities[axis].counts_per_turn)
         for axis, (_, parameters) in wanted.items()
     )
-    yield Start(drive.start_word(wanted), None, stopping, once=relative, shows_after=shows_after)
+    yield Start(drive.start_word(wanted), _quick_stop(drive), stopping, once=relative, shows_after=shows_after)
 
 
 def run(drive: KnownZlac, wanted: Mapping[int, tuple[float, MotionParameters]]) -> Plan[None]:
@@ -192,7 +192,8 @@ def run(drive: KnownZlac, wanted: Mapping[int, tuple[float, MotionParameters]]) 
     for axis, (rpm, parameters) in wanted.items():
         drive.keep(axis, ControlMode.VELOCITY if rpm else None, parameters.acceleration)
     # The same speed again is the same, so it may be said as often as it takes.
-    yield Start(_targets(drive, r.TARGET_VELOCITY, steps), None, max(times.values()) / 1000, repeat=Repeat.SAFE)
+    start, stop = (_targets(drive, r.TARGET_VELOCITY, each) for each in (steps, dict.fromkeys(wanted, 0)))
+    yield Start(start, stop, max(times.values()) / 1000, repeat=Repeat.SAFE)
 
 
 def stream(drive: KnownZlac, axes: Iterable[int]) -> Plan[None]:
@@ -243,7 +244,7 @@ def push(drive: KnownZlac, wanted: Mapping[int, tuple[int, int | None]]) -> Plan
     for axis in wanted:
         drive.keep(axis, ControlMode.TORQUE)
     torques = {axis: torque for axis, (torque, _) in wanted.items()}
-    yield Start(_targets(drive, r.TARGET_TORQUE, torques), None, 0.0, repeat=Repeat.SAFE)
+    yield Start(_targets(drive, r.TARGET_TORQUE, torques), _quick_stop(drive), 0.0, repeat=Repeat.SAFE)
 
 
 def zero(drive: KnownZlac, axis: int) -> Plan[None]:
@@ -340,6 +341,11 @@ def _ramp_time(drive: KnownZlac, axis: int, change: float, acceleration: float, 
             "change it in steps."
         )
     return min(r.MAX_RAMP, round(time))
+
+
+def _quick_stop(drive: KnownZlac) -> Request:
+    """What stops both wheels, whatever they do."""
+    return control(drive.address, ControlWord.EMERGENCY_STOP)
 
 
 def _targets(drive: KnownZlac, twin: r.Twin[int], wanted: Mapping[int, int]) -> Request:

@@ -86,9 +86,9 @@ class Requests:
         unit = owner.units[request.address]
         attached = unit.attached
         if is_broadcast(request):
-            options["moves"], options["motion"] = True, moved_by(request, owner.units.devices, family)
+            options["moves"], options["motion"] = True, moved_by(request, owner.units, family)
         elif options.get("moves") and options.get("motion") is None and attached is not None:
-            options["motion"], options["moves"] = attached.motion, attached.may_be_moved_by(request)
+            options["motion"], options["moves"] = attached.motion, unit.may_be_moved_by(request)
         ended = loop.create_future()
         expires_at = None if timeout in (None, math.inf) else loop.time() + timeout
         job = Job(request, expires_at=expires_at, on_end=lambda _: settle(ended, None), **options)

@@ -325,7 +325,7 @@ class Axis:
 
     @property
     def _ability(self) -> Ability:
-        return self._drive.ability(self._at)
+        return self._scale.ability
 
     def _run_at(
         self, rpm: float, parameters: MotionParameters, duration: float | None, ticks: int | None, *, replace: bool

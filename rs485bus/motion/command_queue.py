@@ -33,7 +33,7 @@ class CommandQueue:
         bus: carries the task.
         name: the axis, in messages.
         upset: told when what is queued is not carried out as it was planned.
-        stop: stops the axis; called when a command ends in an error that nobody foresaw.
+        stop: stops the axis, if it may move; called when a command ends in an error that nobody foresaw.
         make_safe: has the axis seen standing, or stopped, after a command that has failed; it is given that, and
             returns whether it stops the axis.
     """
@@ -206,8 +206,9 @@ class CommandQueue:
                 try:
                     result = await carry_out()
                 except Exception as error:
-                    unsafe = not isinstance(error, BusError)
-                    if isinstance(error, BusError):
+                    if unsafe := not isinstance(error, BusError):
+                        error = _as_told(handle, error)
+                    else:
                         try:
                             error = _of_a_motion(handle, error, stopped=await self._make_safe(handle))
                         except Exception:
@@ -218,7 +219,7 @@ class CommandQueue:
                     handle.fail(error)
                     self._cancel_waiting(MoveCancelled(f"Cancelled: {handle.what} failed before it ({error})."))
                     if unsafe:
-                        self._stop()  # what it had begun would go on, and nobody would look at it
+                        self._stop_surely()  # what it had begun would go on, and nobody would look at it
                 else:
                     self._current = None
                     handle.finish(result)
@@ -230,11 +231,24 @@ class CommandQueue:
             if self._worker is me:
                 self._worker = None
 
+    def _stop_surely(self) -> None:
+        try:
+            self._stop()
+        except Exception:
+            _log.exception("%s could not be stopped", self._name)
+
     def _cancel_waiting(self, error: Exception) -> None:
         self._upset()
         waiting, self._waiting = self._waiting, deque()
         for handle, _ in waiting:
             handle.fail(error)
+
+
+def _as_told(handle: Handle[Any], error: Exception) -> MotionError:
+    """What a command failed of that nobody foresaw, most likely in what the family says of its drive."""
+    failed = MotionError(f"{handle.what} ended for an error in the program, most likely in its family: {error!r}")
+    failed.__cause__ = error
+    return failed
 
 
 def _of_a_motion(handle: Handle[Any], error: BusError, *, stopped: bool) -> BusError:

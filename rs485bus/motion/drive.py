@@ -340,9 +340,16 @@ class Drive(DeviceAdapter):
     def on_sent(self, request: Request, at: float) -> None:
         if not request.writes:
             return
-        for number, effect in enumerate(self.effects(request)):
-            self._take_effect(number, effect, at)
-        self.state.tell()
+        try:
+            for number, effect in enumerate(self.effects(request)):
+                self._take_effect(number, effect, at)
+        except Exception:
+            for axis in self.state.axes:  # it may have done anything
+                axis.change(Fact, at)
+                axis.start(math.inf, at)
+            raise
+        finally:
+            self.state.tell()
 
     def interrupted(self, unheard: float, reason: str) -> None:
         self.on_interrupted(unheard, reason)

@@ -13,7 +13,7 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.job import Job, Urgency
-from rs485bus.errors import BusError, DeviceRefused, NoReply, ReferenceLost, RequestFailed
+from rs485bus.errors import BusError, DeviceRefused, MotionError, NoReply, ReferenceLost, RequestFailed
 from rs485bus.motion.diagnosis import LOST
 from rs485bus.motion.drive import Drive
 from rs485bus.motion.standstill import NEVER
@@ -146,7 +146,19 @@ class AxisKnowledge:
         self._urgency = urgency
 
     async def know(self, facts: Iterable[Fact], *, since: float | None = None) -> None:
-        """Have facts that were asked for since a time, or at least since the last frame that can have changed them."""
+        """Have facts that were asked for since a time, or at least since the last frame that can have changed them.
+
+        Raises:
+            MotionError: the family's own code fails to say how they are asked for.
+        """
+        try:
+            await self._know(facts, since)
+        except BusError:
+            raise
+        except Exception as error:
+            raise MotionError(f"{self._name}: its drive's family fails to say what to ask it: {error!r}") from error
+
+    async def _know(self, facts: Iterable[Fact], since: float | None) -> None:
         for fact in self._drive.tells(*facts):
             for attempt in range(_ATTEMPTS):
                 known = self.state.known(fact)

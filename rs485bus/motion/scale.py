@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rs485bus.arguments import flag, pair, positive, real
-from rs485bus.errors import LimitExceeded
+from rs485bus.errors import BusError, LimitExceeded, MotionError
 from rs485bus.motion.drive import Ability, Drive
 from rs485bus.motion.parameters import MotionParameters
 
@@ -78,7 +78,12 @@ class AxisScale:
     @property
     def ability(self) -> Ability:
         """What the axis can be told."""
-        return self._drive.ability(self._at)
+        try:
+            return self._drive.ability(self._at)
+        except BusError:
+            raise
+        except Exception as error:
+            raise MotionError(f"{self._name}: its drive's family fails to say what it can do: {error!r}") from error
 
     @property
     def sign(self) -> int:

@@ -63,7 +63,7 @@ class StopControl:
         make_safe: Callable[[Handle[Any]], Awaitable[bool]],
         tell: Callable[[EventKind, str], None],
     ) -> None:
-        self.queue = CommandQueue(bus, name, on_plans_off, lambda: self.begin_stop(emergency=True), make_safe)
+        self.queue = CommandQueue(bus, name, on_plans_off, self._stop_what_failed, make_safe)
         self.blocked = ""
         """Why it moves only after `enable()`."""
         self.others: Sequence[StopControl] = ()
@@ -190,6 +190,10 @@ class StopControl:
     def _remedy(self) -> str:
         """After what it moves again."""
         return "renew()" if self._bus.owner.units[self._drive.address].stood and not self.blocked else "enable()"
+
+    def _stop_what_failed(self) -> None:
+        if self._motion.may_move:
+            self.begin_stop(emergency=True)
 
     # What its commands need
 

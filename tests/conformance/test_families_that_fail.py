@@ -11,8 +11,8 @@ import pytest
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.devices.mks.drive import MksWatchdog
-from rs485bus.errors import BusError, MoveFailed, StopUnconfirmed
-from rs485bus.wire.frames import Request, write_single
+from rs485bus.errors import BusError, MotionError, MoveFailed, NotSent, OutcomeUnknown, StopUnconfirmed
+from rs485bus.wire.frames import Request, crc, write_single
 from tests.conformance.acme import CONTROL, QUICK_STOP, AcmeDrive, AcmeServo
 from tests.conformance.subjects import SUBJECTS, Subject, now, rig
 from tests.devices.mks.bench import on_virtual_clock
@@ -232,6 +232,88 @@ async def test_a_drive_of_which_nobody_knows_what_stops_with_it_is_stopped() -> 
         break_hook(on.axis, "stopped_with")
         async with asyncio.timeout(30):
             await on.axis.stop()
+        assert not on.moving
+
+
+BEGINNINGS = ("tells", "marks", "restarted", "set_up", "resume", "ability", "readings", "move", "run", "setpoint")
+"""What is asked of a family as a command begins."""
+
+
+@pytest.mark.parametrize("hook", BEGINNINGS)
+@on_virtual_clock
+async def test_a_command_that_cannot_be_begun_fails_as_motions_do_and_its_motor_is_left_alone(hook: str) -> None:
+    async with rig(ACME, count=2) as on:
+
+        async def stream() -> None:
+            async with on.axis.stream() as setpoint:
+                setpoint(200)
+                await asyncio.sleep(1.0)
+
+        verbs = {"move": lambda: on.axis.move_to(3.0), "run": lambda: on.axis.run(200), "setpoint": stream}
+        break_hook(on.axis, hook)
+        sent = len(on.records)
+        for verb in [verbs[hook]] if hook in verbs else verbs.values():
+            async with asyncio.timeout(10):
+                with pytest.raises(MotionError) as failed:
+                    await verb()
+            assert is_told(failed.value, hook)
+        assert not on.moving
+        assert not any(record.request[-3] == QUICK_STOP for record in on.records[sent:])  # it stood, as was known
+        await on.axes[1].move_by(1.0)
+
+
+@pytest.mark.parametrize("hook", ["tells", "readings", "reading", "ability"])
+@on_virtual_clock
+async def test_a_question_whose_answer_cannot_be_had_fails_as_motions_do(hook: str) -> None:
+    async with rig(ACME) as on:
+        break_hook(on.axis, hook)
+        with pytest.raises(MotionError) as failed:
+            await on.axis.position()
+        assert is_told(failed.value, hook)
+
+
+@on_virtual_clock
+async def test_a_frame_of_which_nobody_knows_what_it_does_may_do_anything() -> None:
+    async with rig(ACME) as on:
+        break_hook(on.axis, "effects")
+        await on.axis.move_by(3.0)
+        assert on.turns == pytest.approx(3.0, abs=0.01)
+
+
+@on_virtual_clock
+async def test_of_a_family_that_fails_to_say_what_a_request_does_the_worst_is_taken_to_be_so() -> None:
+    async with rig(ACME, count=2) as on:
+        unit, receive = on.bus.unit(1), on.sim.receive
+        for hook in ("hears", "may_be_moved_by", "does_nothing", "explain"):
+            break_hook(on.axis, hook)
+        await on.bus.broadcast.write_register(CONTROL, QUICK_STOP)
+        await unit.write_register(CONTROL, QUICK_STOP)
+        for answer in (bytes((1, 0x86, 4)) + crc(bytes((1, 0x86, 4))), b"\xfa\x01\x02"):
+            on.sim.receive = lambda frame, at, answer=answer: answer if frame[0] == 1 else None
+            with pytest.raises(OutcomeUnknown):
+                await unit.write_register(CONTROL, QUICK_STOP)
+        on.sim.receive = receive
+        await on.axes[1].move_by(1.0)
+
+
+@on_virtual_clock
+async def test_a_watched_drive_whose_family_forgets_its_reads_is_fed_by_those_that_are_known() -> None:
+    async with rig(SUBJECTS[0], count=2) as on, on.bus.watchdog(*on.axes, timeout=1.0):
+        on.axis.attached.reads = fails
+        await asyncio.sleep(3.0)
+        await on.axis.move_by(1.0)  # it has not tripped
+        await on.axes[1].move_by(1.0)
+
+
+@on_virtual_clock
+async def test_what_may_disrupt_is_not_written_while_a_watchdog_is_armed() -> None:
+    async with rig(SUBJECTS[0], count=2) as on, on.bus.watchdog(*on.axes, timeout=1.0):
+        await on.axis.run(200)
+        on.axis.attached.disrupts = fails
+        with pytest.raises(NotSent):
+            await on.axis.move_by(1.0)
+        await on.axes[1].move_by(1.0)
+        await on.axis.stop()
         assert not on.moving
 
 

@@ -128,7 +128,7 @@ class AdmissionControl:
         return [unit for unit in self._units if unit.hears(job.request)]
 
     def _disrupts(self, job: Job) -> bool:
-        return any(unit.attached is not None and unit.attached.disrupts(job.request) for unit in self.hearing(job))
+        return any(unit.disrupts(job.request) for unit in self.hearing(job))
 
     def _takes(self, job: Job) -> float:
         """How long it may take the wire."""
@@ -155,7 +155,7 @@ class AdmissionControl:
         """
         if unit.attached is None:
             return  # a request of somebody's own that would take too long is not sent
-        allowed = min(self.longest_wait(request) for request in unit.attached.reads())
+        allowed = min(self.longest_wait(request) for request in unit.reads())
         if reply_timeout + pause > allowed:
             raise WatchdogInfeasible(
                 f"Unit {unit.address} cannot be waited for {1000 * (reply_timeout + pause):.0f} ms (reply_timeout and "

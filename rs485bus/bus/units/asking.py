@@ -91,6 +91,6 @@ def _harmless(unit: UnitState) -> Iterator[Request]:
     if unit.probe is not None:
         yield unit.probe
     elif unit.attached is not None:
-        yield from unit.attached.reads()
+        yield from unit.reads()
     else:
         yield from unit.answers.shorter(unit.address)

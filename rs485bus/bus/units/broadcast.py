@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.motion import Motion
+from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.errors import BroadcastConflict
 from rs485bus.wire.frames import BROADCAST, Request
 
@@ -15,12 +15,12 @@ def is_broadcast(request: Request) -> bool:
     return request.adu[0] == BROADCAST
 
 
-def moved_by(request: Request, devices: Iterable[DeviceAdapter], family: str | None) -> Motion | None:
+def moved_by(request: Request, units: Iterable[UnitState], family: str | None) -> Motion | None:
     """All that a broadcast may set in motion; None if no known device acts on it.
 
     Args:
         request: the broadcast.
-        devices: those that are known on the pair.
+        units: the addresses that are known on the pair.
         family: the family that it is meant for; None for whichever it is.
 
     Raises:
@@ -28,7 +28,7 @@ def moved_by(request: Request, devices: Iterable[DeviceAdapter], family: str | N
     """
     if not request.writes:
         raise BroadcastConflict(f"{request} is a read: at address 0 nobody may answer. Ask the devices one by one.")
-    hearing = [device for device in devices if device.hears(request)]
+    hearing = [unit.attached for unit in units if unit.attached is not None and unit.hears(request)]
     families = sorted({device.family for device in hearing})
     if families and families != [family or families[0]]:
         raise BroadcastConflict(

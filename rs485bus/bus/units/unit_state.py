@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from typing import Literal, ParamSpec
+from collections.abc import Callable, Sequence
+from typing import Concatenate, Literal, ParamSpec, TypeVar
 
 from rs485bus.bus.line.numbered import NumberedReplies
 from rs485bus.bus.line.pending import PendingReplies
@@ -22,6 +22,7 @@ from rs485bus.wire.exceptions import Meaning, exception
 from rs485bus.wire.frames import HIGHEST_ADDRESS, Request
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 _log = logging.getLogger("rs485bus")
 
@@ -39,6 +40,7 @@ class UnitState:
 
     __slots__ = (
         "_failing",
+        "_reads",
         "address",
         "answers",
         "asked_in_vain",
@@ -129,6 +131,8 @@ class UnitState:
         """When it last answered what its device could not take in."""
         self._failing: set[str] = set()
         """The hooks of its device that have failed."""
+        self._reads: Sequence[Request] = ()
+        """What its device named last."""
         self.watchdog_ms: int | None = None
         """What this bus wrote into its register last, in ms, if the device took it; None if that is not known."""
 
@@ -195,6 +199,7 @@ class UnitState:
 
     def attach(self, attached: DeviceAdapter | None) -> None:
         """A device is known at this address, with timing of its own if it has any."""
+        self._reads = () if attached is None else attached.reads()
         self.attached = attached
         if attached is not None and attached.reply_timeout is not None:
             self.reply_timeout = attached.reply_timeout
@@ -218,13 +223,35 @@ class UnitState:
         except Exception:
             self._note_failure(getattr(hook, "__name__", "a hook"))
 
+    # What its device says of requests. Where its own code fails in that, the worst is taken to be so.
+
+    def reads(self) -> Sequence[Request]:
+        """The reads without side effects that its device names; empty where there is no device."""
+        self._reads = self._asked(DeviceAdapter.reads, self._reads)
+        return self._reads
+
     def hears(self, request: Request) -> bool:
-        """Whether its device would act on a broadcast; yes, where that cannot be told."""
+        """Whether its device would act on a broadcast."""
+        return self.attached is not None and self._asked(DeviceAdapter.hears, True, request)
+
+    def may_be_moved_by(self, request: Request) -> bool:
+        """Whether a write may set its device in motion."""
+        return self.attached is not None and self._asked(DeviceAdapter.may_be_moved_by, True, request)
+
+    def disrupts(self, request: Request) -> bool:
+        """Whether its device would be away for a while after a write."""
+        return self.attached is not None and self._asked(DeviceAdapter.disrupts, True, request)
+
+    def _asked(self, hook: Callable[Concatenate[DeviceAdapter, P], T], instead: T, *args: P.args, **_: P.kwargs) -> T:
+        if self.attached is None:
+            return instead
+        name = hook.__name__
         try:
-            return self.attached is not None and self.attached.hears(request)
+            said: T = getattr(self.attached, name)(*args)
         except Exception:
-            self._note_failure("hears")
-            return True
+            self._note_failure(name)
+            return instead
+        return said
 
     def _note_failure(self, hook: str, told: object = "") -> None:
         """Log, once, that a hook of its device has just failed, which was told something."""
@@ -239,7 +266,7 @@ class UnitState:
         meaning = exception(code).meaning
         if meaning is not Meaning.OPEN:
             return meaning
-        known = not request.writes or (self.attached is not None and self.attached.does_nothing(request, code))
+        known = not request.writes or self._asked(DeviceAdapter.does_nothing, False, request, code)
         return Meaning.REFUSED if known else Meaning.OPEN
 
     def explain(self, heard: bytes) -> str:
@@ -247,7 +274,7 @@ class UnitState:
         if self.attached is None:
             return ""
         if heard:
-            return self.attached.explain(heard)
+            return self._asked(DeviceAdapter.explain, "", heard)
         return self.attached.when_silent if self.answers.latest is None else ""
 
     def may_never_answer(self, request: Request) -> bool:
@@ -255,7 +282,7 @@ class UnitState:
         if request in self.answers:
             return False
         if self.attached is not None:
-            return request not in self.attached.reads()
+            return request not in self.reads()
         return self.answers.latest is not None
 
     def harmless_read(self) -> Request:
@@ -266,4 +293,4 @@ class UnitState:
             return self.probe
         if self.answers.latest is not None and not self.reach.offline:
             return self.answers.latest
-        return self.answers.next_probe(self.address, () if self.attached is None else self.attached.reads())
+        return self.answers.next_probe(self.address, self.reads())

@@ -97,7 +97,7 @@ class Arming:
         for device in self._devices:
             if self._is_over:
                 return False
-            request = device.reads()[0]
+            request = self._owner.units[device.address].reads()[0]
             job = self._job = patient(self._owner, request)
             yield job
             self._job = None

@@ -7,7 +7,6 @@ from operator import attrgetter
 
 from rs485bus.bus.schedule.job import FEED, Job
 from rs485bus.bus.schedule.queue import Admission, Queue
-from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.units.unit_states import UnitStates
 from rs485bus.bus.watchdog.feeding import ArmedWatchdog, Feeding
@@ -36,17 +35,15 @@ def next_feed(
         now: the time, in seconds.
     """
     unit = units.by_address[watch.address]
-    attached = unit.attached
-    assert attached is not None
     wait = feeding.wait(watch, now)
     in_full = wait >= watch.attempt
     if queue.size and watch.failures == 0 and in_full:
-        waiting = queue.take_of(watch.address, lambda job: admit(job) if _is_as_short(job, attached) else _NOT_NOW)
+        waiting = queue.take_of(watch.address, lambda job: admit(job) if _is_as_short(job, unit) else _NOT_NOW)
         if waiting is not None:
             waiting.feeds = True
             return waiting
     unit.expire(now)
-    request = _read_to_feed(unit, attached.reads(), queue) if unit.late.owed else attached.reads()[0]
+    request = _read_to_feed(unit, unit.reads(), queue) if unit.late.owed else unit.reads()[0]
     watch.ledger.feeds += 1
     job = Job(request, urgency=FEED, ignores_late_replies=True, internal=True, retries=0)
     job.feeds = True
@@ -70,8 +67,8 @@ def _read_to_feed(unit: UnitState, reads: Sequence[Request], queue: Queue) -> Re
     return harmless[-1]
 
 
-def _is_as_short(job: Job, attached: DeviceAdapter) -> bool:
+def _is_as_short(job: Job, unit: UnitState) -> bool:
     """Whether it takes the wire no longer than a feed may."""
-    longest = max(len(read.adu) + read.length for read in attached.reads())
+    longest = max(len(read.adu) + read.length for read in unit.reads())
     length = job.request.length
     return job.reply_timeout is None and 0 < length <= longest - len(job.request.adu)

@@ -32,9 +32,8 @@ class WatchdogMaker:
             since: since when it was heard, on the owner's clock.
             turnaround: seconds that it takes before it answers; None for what its latest answer took.
         """
-        device = unit.attached
+        device, reads, pair = unit.attached, unit.reads(), self._pair
         assert device is not None
-        pair, reads = self._pair, device.reads()
         line, quiet = pair.line, pair.silence + unit.pause
         longest = unit.reply_timeout + pair.latency
         overhead = line.airtime(len(reads[0].adu) + reads[0].length) + quiet

@@ -12,15 +12,18 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from rs485bus.bus.units.adapter import DeviceAdapter, StandstillDetector
 from rs485bus.bus.units.motion import Motion
-from rs485bus.errors import NotSupported
+from rs485bus.errors import BusError, MotionError, NotSupported
 from rs485bus.motion.parameters import MotionParameters
 from rs485bus.motion.plan import Plan, nothing
 from rs485bus.motion.state import MOTION, AxisState, DriveState, Fact, Facts
 from rs485bus.motion.stop_judge import StopJudge
 from rs485bus.wire.frames import Request, payload
+
+T = TypeVar("T")
 
 _log = logging.getLogger("rs485bus")
 
@@ -131,6 +134,16 @@ class Ability(ABC):
     def ticks(self, duration: float) -> int | None:
         """How the duration of a run, in seconds, is said to the drive; None where it does not time runs: the end is
         told when it has come. Raises `LimitExceeded`."""
+
+
+def said_by_family(name: str, say: Callable[[], T]) -> T:
+    """What the family of an axis says of its drive. Raises `MotionError` where its own code fails in that."""
+    try:
+        return say()
+    except BusError:
+        raise
+    except Exception as error:
+        raise MotionError(f"{name}: what its family says of its drive failed: {error!r}") from error
 
 
 class Drive(DeviceAdapter):

@@ -13,9 +13,9 @@ import anyio
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.handle import settle
 from rs485bus.bus.schedule.job import Job, Urgency
-from rs485bus.errors import BusError, DeviceRefused, MotionError, NoReply, ReferenceLost, RequestFailed
+from rs485bus.errors import BusError, DeviceRefused, NoReply, ReferenceLost, RequestFailed
 from rs485bus.motion.diagnosis import LOST
-from rs485bus.motion.drive import Drive
+from rs485bus.motion.drive import Drive, Reading, said_by_family
 from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import FRESH, AxisState, Fact
 from rs485bus.wire.exceptions import Meaning, exception
@@ -97,9 +97,14 @@ class Questions:
         """What to ask for a fact: where a late reply could be taken for its answer, something that tells it, too."""
         late = self._bus.owner.units[self._drive.address].late
         late.expire(self._bus.now())
-        reading = self._drive.reading(fact, lambda request: not late.must_wait(request)) or self._drive.reading(fact)
-        assert reading is not None
-        return reading.request
+        drive = self._drive
+
+        def reading() -> Reading | None:
+            return drive.reading(fact, lambda request: not late.must_wait(request)) or drive.reading(fact)
+
+        preferred = said_by_family(drive.name, reading)
+        assert preferred is not None
+        return preferred.request
 
     def for_a_look(self, fact: Fact, unanswered: Mapping[bytes, Job]) -> tuple[Request, bool]:
         """What to ask for a fact; where a late reply could be taken for its answer, something else. And whether that
@@ -151,15 +156,7 @@ class AxisKnowledge:
         Raises:
             MotionError: the family's own code fails to say how they are asked for.
         """
-        try:
-            await self._know(facts, since)
-        except BusError:
-            raise
-        except Exception as error:
-            raise MotionError(f"{self._name}: its drive's family fails to say what to ask it: {error!r}") from error
-
-    async def _know(self, facts: Iterable[Fact], since: float | None) -> None:
-        for fact in self._drive.tells(*facts):
+        for fact in said_by_family(self._name, lambda: self._drive.tells(*facts)):
             for attempt in range(_ATTEMPTS):
                 known = self.state.known(fact)
                 told = known.value is not None or (attempt > 0 and known.at > NEVER)  # it may say nothing of it
@@ -172,29 +169,37 @@ class AxisKnowledge:
         await self.know(facts, since=self._bus.now())
 
     async def ask(self, fact: Fact) -> Any:
-        """Ask for a fact now; what was told of it."""
+        """Ask for a fact now; what was told of it. Raises `NoReply` where its drive answers, and does not tell it."""
+        oldest = self._bus.now() - FRESH
         await self.afresh(fact)
-        return self.state.last(fact).value
+        known = self.state.last(fact)
+        if known.at <= oldest:
+            raise NoReply(f"{self._name}: its drive answers, and does not tell its {fact.value}.")
+        return known.value
 
     async def stands(self) -> bool:
         """Whether the axis stands, as can be seen now.
 
         Raises:
-            NoReply: its drive answers so slowly that it cannot be seen, while it is told to stop again and again, say.
+            NoReply: its drive answers so slowly that it cannot be seen, while it is told to stop again and again, say;
+                or it does not say where the axis is.
         """
-        still, rule = self.state.standstill, self.state.rule
-        if still.verdict is True and still.until > self._bus.now() - FRESH:
+        still, rule, oldest = self.state.standstill, self.state.rule, self._bus.now() - FRESH
+        if still.verdict is True and still.until > oldest:
             return True
         await self.afresh(Fact.POSITION)
         longest, looks, over = FRESH, 0, self._bus.now() + _DOUBT_LASTS
-        while still.is_in_doubt(longest):
+        while still.is_in_doubt(longest) or still.until <= oldest:
             begun, looks = self._bus.now(), looks + 1
             halt = self._bus.owner.units[self._drive.address].halt
             if looks > _LOOKS and (begun > over or (halt is not None and halt.failed)):
-                raise NoReply(f"{self._name}: it cannot be seen whether it stands. Its drive answers too slowly.")
+                why = "does not say where it is" if still.until <= oldest else "answers too slowly"
+                raise NoReply(f"{self._name}: it cannot be seen whether it stands. Its drive {why}.")
             if not still.confirmed:
                 await self.know((Fact.RUNNING,), since=still.since)
             again = max(still.since + rule.apart, still.until + _LOOK_AGAIN)
+            if still.until <= oldest:
+                again = self._bus.now() + rule.apart  # its drive answers, and does not say where it is
             await anyio.sleep(max(0.0, again - self._bus.now()))
             await self.afresh(Fact.POSITION)
             # Where each answer takes its time, no two positions are closer together.

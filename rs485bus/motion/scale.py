@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from rs485bus.arguments import flag, pair, positive, real
-from rs485bus.errors import BusError, LimitExceeded, MotionError
-from rs485bus.motion.drive import Ability, Drive
+from rs485bus.errors import LimitExceeded
+from rs485bus.motion.drive import Ability, Drive, said_by_family
 from rs485bus.motion.parameters import MotionParameters
 
 _FAR = 1 << 64
@@ -78,12 +78,7 @@ class AxisScale:
     @property
     def ability(self) -> Ability:
         """What the axis can be told."""
-        try:
-            return self._drive.ability(self._at)
-        except BusError:
-            raise
-        except Exception as error:
-            raise MotionError(f"{self._name}: its drive's family fails to say what it can do: {error!r}") from error
+        return said_by_family(self._name, lambda: self._drive.ability(self._at))
 
     @property
     def sign(self) -> int:

@@ -11,7 +11,8 @@ import pytest
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.devices.mks.drive import MksWatchdog
-from rs485bus.errors import BusError, MotionError, MoveFailed, NotSent, OutcomeUnknown, StopUnconfirmed
+from rs485bus.errors import BusError, MotionError, MoveFailed, NoReply, NotSent, OutcomeUnknown, StopUnconfirmed
+from rs485bus.motion.state import MOTION
 from rs485bus.wire.frames import Request, crc, write_single
 from tests.conformance.acme import CONTROL, QUICK_STOP, AcmeDrive, AcmeServo
 from tests.conformance.subjects import SUBJECTS, Subject, now, rig
@@ -270,6 +271,22 @@ async def test_a_question_whose_answer_cannot_be_had_fails_as_motions_do(hook: s
         with pytest.raises(MotionError) as failed:
             await on.axis.position()
         assert is_told(failed.value, hook)
+
+
+@pytest.mark.parametrize("question", ["idle", "position", "velocity"])
+@pytest.mark.parametrize("is_new", [False, True])
+@on_virtual_clock
+async def test_what_a_drive_does_not_tell_is_not_said_from_memory(question: str, is_new: bool) -> None:
+    async with rig(ACME) as on:
+        await on.axis.position()
+        await asyncio.sleep(1.0)
+        on.axis._acme.decode = lambda *_: ()
+        if is_new:
+            on.axis._acme.state.axes[0].change(MOTION, now())
+        before = len(on.records)
+        with pytest.raises(NoReply):
+            await getattr(on.axis, question)()
+        assert len(on.records) - before < 200  # within 5 s: others have the wire, too
 
 
 @on_virtual_clock

@@ -23,7 +23,7 @@ from rs485bus.bus.schedule.scheduler import Failed, unheeded
 from rs485bus.bus.shutdown import Shutdown
 from rs485bus.bus.stopping.halt import Halted, Procedure
 from rs485bus.bus.unit import Broadcast, Unit, Units
-from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
+from rs485bus.bus.units.adapter import BusMember, DeviceAdapter, abandon
 from rs485bus.bus.units.motion import Motion
 from rs485bus.bus.unseen import Unseen
 from rs485bus.bus.watchdog.foreign import turn_off
@@ -142,8 +142,7 @@ class Bus:
         _log.warning("emergency stop")
         # The first stop is on the wire before anybody is told: who is told may do whatever he likes.
         self.start(emergency_stop(self._owner), handle.finish, handle.fail)
-        for member in self._shutdown.members:
-            member.abandon("an emergency stop was made")
+        abandon(self._shutdown.members, "an emergency stop was made")
         return handle
 
     def clear_emergency_stop(self) -> None:

@@ -15,7 +15,7 @@ from rs485bus.bus.recording import Recording
 from rs485bus.bus.runner import OwnerRunner
 from rs485bus.bus.stopping.closing import shut_down, still_stopping
 from rs485bus.bus.stopping.halt import Halted
-from rs485bus.bus.units.adapter import BusMember
+from rs485bus.bus.units.adapter import BusMember, abandon
 
 _log = logging.getLogger("rs485bus")
 
@@ -79,8 +79,7 @@ class Shutdown:
         self._closing.result()
 
     async def _close(self, leave_running: bool) -> None:
-        for member in self.members:
-            member.abandon("the bus was closed")
+        abandon(self.members, "the bus was closed")
         stopped = self._loop.create_future()
         deadline = self._loop.call_later(self._config.close_timeout, self._give_up, stopped)
         self._owner.now = self._loop.time()

@@ -8,10 +8,21 @@ from typing import Any, cast
 
 import pytest
 
+from rs485bus import BusConfig
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halt
 from rs485bus.devices.mks.drive import MksWatchdog
-from rs485bus.errors import BusError, MotionError, MoveFailed, NoReply, NotSent, OutcomeUnknown, StopUnconfirmed
+from rs485bus.errors import (
+    BusError,
+    MotionError,
+    MoveFailed,
+    NoReply,
+    NotSent,
+    NotStanding,
+    OutcomeUnknown,
+    StopUnconfirmed,
+)
+from rs485bus.motion.plan import MustStand, Plan
 from rs485bus.motion.state import MOTION
 from rs485bus.wire.frames import Request, crc, write_single
 from tests.conformance.acme import CONTROL, QUICK_STOP, AcmeDrive, AcmeServo
@@ -387,3 +398,90 @@ async def test_a_watchdog_block_whose_register_cannot_be_told_is_entered_or_left
         async with asyncio.timeout(2.5), on.axis.watchdog(1.0):
             await on.axis.run(200)
         await on.axes[1].move_by(1.0)
+
+
+@pytest.mark.parametrize("ends", ["close", "emergency stop", "watchdog block"])
+@on_virtual_clock
+async def test_a_facade_that_cannot_end_what_is_queued_keeps_nobody_from_a_stop(ends: str) -> None:
+    subject = SUBJECTS[0] if ends == "watchdog block" else ACME
+    async with rig(subject, count=2) as on, asyncio.timeout(10):
+        async with on.bus.watchdog(*on.axes, timeout=1.0) if ends == "watchdog block" else nullcontext():
+            for axis in on.axes:
+                await axis.run(200)
+            on.axis.abandon = fails
+        if ends == "emergency stop":
+            await on.bus.emergency_stop()
+        stands = [not subject.motor(sim).moving(now()) for sim in on.sims]
+        assert all(stands) or ends == "close"
+    assert on.bus.closed
+    assert not any(subject.motor(sim).moving(now()) for sim in on.sims)
+
+
+@on_virtual_clock
+async def test_a_watchdog_that_cannot_be_turned_off_keeps_no_other_one_armed() -> None:
+    async with rig(SUBJECTS[0], count=2, config=BusConfig(leave_running=True)) as on:
+        on.axis.attached.watchdog = register = BrokenRegister(1)
+        await on.bus.watchdog(*on.axes, timeout=1.0).__aenter__()
+        register.broken = True
+    assert [sim.watchdog_ms for sim in on.sims] == [1000, 0]
+
+
+@on_virtual_clock
+async def test_an_emergency_stop_that_fails_in_itself_says_so_and_has_stopped_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with rig(ACME, count=2) as on:
+        for axis in on.axes:
+            await axis.run(200)
+        monkeypatch.setattr(on.bus.owner, "flush", fails)
+        async with asyncio.timeout(10):
+            with pytest.raises(RuntimeError, match="own error"):
+                await on.bus.emergency_stop()
+        await asyncio.sleep(1.0)
+        assert on.bus.latched
+        assert not any(ACME.motor(sim).moving(now()) for sim in on.sims)
+        monkeypatch.undo()
+
+
+@on_virtual_clock
+async def test_a_closing_that_fails_in_itself_ends_and_says_what_was_not_seen_to_stand(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.RaisesGroup(StopUnconfirmed, allow_unwrapped=True):
+        async with rig(ACME) as on:
+            await on.axis.run(200)
+            monkeypatch.setattr("rs485bus.bus.stopping.closing.release", fails)
+            begun = now()
+    assert on.bus.closed
+    assert now() - begun < 1.0
+
+
+@on_virtual_clock
+async def test_a_motor_that_cannot_be_made_safe_after_a_failure_is_stopped() -> None:
+    async with rig(ACME) as on:
+        await on.axis.run(200)
+        on.axis._executor.make_safe = fails
+        with pytest.raises(NotStanding):
+            await on.axis._order_plan("what needs a standing motor", needs_a_stand)
+        await on.rests(within=1)
+        await on.axis.move_by(1.0)
+
+
+def needs_a_stand() -> Plan[None]:
+    yield MustStand("this")
+
+
+@on_virtual_clock
+async def test_a_queue_whose_stop_fails_says_so_and_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    async with rig(ACME) as on:
+        await on.axis.run(200)
+        begin_stop, on.axis._stops.begin_stop = on.axis._stops.begin_stop, fails
+        break_hook(on.axis, "set_up")
+        with pytest.raises(MotionError) as failed:
+            await on.axis.move_by(1.0)
+        assert is_told(failed.value, "set_up")
+        assert "could not be stopped" in caplog.text
+        on.axis._stops.begin_stop = begin_stop
+        with pytest.raises(MotionError):
+            await on.axis.move_by(1.0)
+        await on.rests(within=1)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import logging
+
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.schedule.job import Job
 from rs485bus.bus.stopping.halt import Halted, Procedure
 from rs485bus.bus.units.unit_state import UnitState
 from rs485bus.bus.watchdog.releasing import release
+
+_log = logging.getLogger("rs485bus")
 
 _LOOK_EVERY = 0.001
 _STANDS_LATER = 0.01
@@ -90,4 +94,9 @@ def _turn_off(owner: Owner) -> Procedure[None]:
     for unit in owner.units:
         device = unit.attached
         if device is not None and device.watchdog is not None and _is_armed(owner, unit):
-            yield Job(device.watchdog.write(device.watchdog.off), internal=True)
+            try:
+                request = device.watchdog.write(device.watchdog.off)
+            except Exception:
+                _log.exception("the watchdog of unit %d cannot be turned off: it stays armed, unfed", unit.address)
+            else:
+                yield Job(request, internal=True)

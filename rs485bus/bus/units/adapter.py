@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
@@ -215,3 +215,12 @@ class BusMember(Protocol):
 
     def abandon(self, why: str) -> None:
         """End everything that is queued."""
+
+
+def abandon(members: Iterable[BusMember], why: str) -> None:
+    """Have facades end what is queued on them. One that fails in that keeps nobody from what follows."""
+    for member in members:
+        try:
+            member.abandon(why)
+        except Exception:
+            _log.exception("%s %d could not end what was queued", member.attached.family, member.attached.address)

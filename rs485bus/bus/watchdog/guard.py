@@ -15,7 +15,7 @@ from rs485bus.bus.handle import Handle, outlast, settle
 from rs485bus.bus.protocol import BusProtocol
 from rs485bus.bus.schedule.job import Job, Outcome
 from rs485bus.bus.stopping.halt import Halted, unconfirmed
-from rs485bus.bus.units.adapter import BusMember, DeviceAdapter
+from rs485bus.bus.units.adapter import BusMember, DeviceAdapter, abandon
 from rs485bus.bus.watchdog.armed import Ledger
 from rs485bus.bus.watchdog.arming import Armed, Arming, check_feasible
 from rs485bus.bus.watchdog.lease import Lease
@@ -284,9 +284,7 @@ class WatchdogGuard(AsyncBlock):
             return
         if entry.lease is not None:
             entry.lease.end()
-        for member in self._members:
-            if member.attached in devices:
-                member.abandon("its watchdog block was left")
+        abandon((each for each in self._members if each.attached in devices), "its watchdog block was left")
         cancelled, halted = None, list[Halted]()
         if not bus.owner.gate.closed:  # else closing the bus has released it
             released: asyncio.Future[list[Halted]] = asyncio.get_running_loop().create_future()

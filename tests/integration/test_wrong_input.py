@@ -16,6 +16,7 @@ from rs485bus.errors import (
     DeviceRefused,
     EmergencyStopped,
     LimitExceeded,
+    MotionError,
     NoReply,
     NotEnabled,
     NotSent,
@@ -429,7 +430,8 @@ async def test_an_error_that_nobody_foresaw_stops_the_axis() -> None:
             x._executor.short = lambda move: 1 / 0  # type: ignore[method-assign]
             run = x.run(300)
             await asyncio.sleep(5.0)
-            assert isinstance(run.error, ZeroDivisionError)
+            assert isinstance(run.error, MotionError)
+            assert isinstance(run.error.__cause__, ZeroDivisionError)
             assert made.stands()
 
 

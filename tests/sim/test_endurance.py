@@ -21,6 +21,13 @@ def test_devices_that_answer_seconds_late_now_and_then_trip_nobody_and_are_never
     assert verdict.moves > 40
 
 
+@pytest.mark.parametrize("sluggish", [0, 2])
+def test_only_a_device_that_answers_seconds_late_may_be_taken_for_offline(sluggish: int) -> None:
+    verdict = Verdict(1, 0.05, sluggish, moves=1, saved=1)
+    verdict.errors["a question raised DeviceOffline: Not sent"] = 1
+    assert [fault.startswith("unexpected") for fault in verdict.faults] == [True] * (not sluggish)
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [

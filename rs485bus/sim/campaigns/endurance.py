@@ -50,7 +50,7 @@ _AFTER_AN_ERROR = 0.05
 _LOSSES = ("raised NoReply", "raised OutcomeUnknown")
 """What may come of lost replies: something was lost three times, and it is said whether it may be repeated safely."""
 _HELD_UP = "a question raised NotSent: Not sent, all its time a late reply"
-"""And of a device that is silent: it was asked something else in vain."""
+"""And of a device that is silent: it was asked something else in vain. For seconds: it is hardly there then."""
 
 
 @dataclass
@@ -102,9 +102,9 @@ class Verdict:
     @property
     def faults(self) -> list[str]:
         """What is wrong; empty if nothing is."""
-        lossy = self.loss or self.sluggish
-        expected = [what for what in self.errors if what.split(":")[0].endswith(_LOSSES) or what.startswith(_HELD_UP)]
-        unexpected = [what for what in self.errors if not lossy or what not in expected]
+        silence = (_HELD_UP, "a question raised DeviceOffline") if self.sluggish else (_HELD_UP,)
+        expected = [what for what in self.errors if what.split(":")[0].endswith(_LOSSES) or what.startswith(silence)]
+        unexpected = [what for what in self.errors if not (self.loss or self.sluggish) or what not in expected]
         growth = self.memory[-1] - self.memory[0] if self.memory else 0
         found = {
             f"{self.trips} drives tripped": self.trips,
@@ -340,7 +340,7 @@ class Endurance:
             self._failed("a recovery", error)
 
     def _failed(self, what: str, error: BusError) -> None:
-        why = "" if isinstance(error, NoReply) else f": {error}"
+        why = "" if isinstance(error, NoReply) else f": {str(error).partition(': function ')[0]}"
         self._verdict.errors[f"{what} raised {type(error).__name__}{why}"] += 1
 
     async def _keep_the_time(self, bus: Bus) -> None:

@@ -75,7 +75,6 @@ class Attempts:
         native: bool,
     ) -> None:
         self._clock = clock
-        self._config = config
         self._pair = pair
         self._queue = queue
         self._gate = gate
@@ -247,7 +246,7 @@ class Attempts:
         if how == "no reply":
             if not frame:
                 if job.attempts == 1 and self._clock.now < owed_until and not job.backs_off:
-                    waits = unit.waits(job, self._config.retries)
+                    waits = unit.waits(job, self._repeating.retries_of(job))
                     job.patient_until = job.sent_at + (waits - 1) * (owed_until - job.sent_at)
                 unit.reply_times.missed(job, share_lost(*unit.reach.loss.counts))
                 self._pair.host.missed()

@@ -83,8 +83,8 @@ async def _tcp(library: str, callers: int, port: int, seconds: float) -> Figures
     client = AsyncModbusTcpClient("127.0.0.1", port=port)
     await client.connect()
     try:
-        read = lambda unit: client.read_holding_registers(0, count=READ_COUNT, device_id=unit)  # noqa: E731
-        return await _measure([read], callers, seconds)
+        reads = [lambda unit: client.read_holding_registers(0, count=READ_COUNT, device_id=unit)]
+        return await _measure(reads, callers, seconds)
     finally:
         client.close()
 

@@ -45,6 +45,8 @@ class Port:
         runner.drop = self.drop
         self.programs = OtherPrograms(transport)
         owner.journal.missed = self.programs.missed
+        owner.pair.strangers.found = self._say_stranger
+        self._said_stranger_at = float("-inf")
         self._trouble = ""
         self._listeners: list[Callable[[], None]] = []
         self._transport = transport
@@ -83,7 +85,8 @@ class Port:
     def advice(self) -> str:
         """What explains that answers do not come, and what to do about it; empty if nothing is known."""
         silent = "" if self._count_answers() else getattr(self._transport, "silent_hint", "")
-        return str(self.programs) or getattr(self._transport, "diagnosis", "") or silent
+        strange = self._stranger() if self._owner.pair.strangers.were_many(self._loop.time()) else ""
+        return str(self.programs) or getattr(self._transport, "diagnosis", "") or strange or silent
 
     def listen(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Have `callback` called on the event loop whenever the port is lost. Returns a function that ends that."""
@@ -243,6 +246,19 @@ class Port:
         often = f" {self._unsaid} times in the last {now - self._said_at:.0f} s" if self._unsaid > 1 else ""
         _log.warning("%s was lost%s%s; trying to open it again%s", name, often, reason, hint and f". {hint}")
         self._says_lost, self._said_at, self._unsaid = True, now, 0
+
+    def _stranger(self) -> str:
+        return (
+            f"Somebody else asks on {self._transport.name}: frames come that nobody here asked for "
+            f"({self._owner.pair.strangers.latest.hex(' ').upper()}). Answers to it may be taken for answers to this "
+            "program: positions and states may be wrong. A pair has one master: end the other program, or the other "
+            "client of the gateway."
+        )
+
+    def _say_stranger(self) -> None:
+        if self._loop.time() >= self._said_stranger_at + SAID_EVERY:
+            self._said_stranger_at = self._loop.time()
+            _log.warning("%s", self._stranger())
 
     def _say_open(self) -> None:
         self._timer = None

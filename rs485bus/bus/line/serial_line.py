@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from rs485bus.bus.line.host_slack import HostSlack
 from rs485bus.bus.line.pending import PendingReplies
+from rs485bus.bus.line.strangers import Strangers
 from rs485bus.bus.line.transaction import Received, Transaction
 from rs485bus.bus.record import Record
 from rs485bus.bus.schedule.job import Job, Urgency
@@ -82,6 +83,7 @@ class SerialLine:
         "owed_until",
         "quiet_at",
         "silence",
+        "strangers",
     )
 
     def __init__(self, line: LineSettings, silence: float, echo: bool | None, now: float) -> None:
@@ -89,6 +91,7 @@ class SerialLine:
         self.character = line.character
         self.silence = silence
         self.exchange = Transaction(echo)
+        self.strangers = Strangers()
         self.job: Job | None = None
         """The job that is out and may still be answered."""
         self.deadline = 0.0
@@ -162,6 +165,7 @@ class SerialLine:
         self.quiet_at = self.air_end + self.silence
         self._first_byte_at = None
         self.exchange.begin(request, late)
+        self.strangers.sent_or_answered(request.adu)
         self.is_brief = self._over_noise or (job.urgency in _STOPPING and self.was_noisy(start))
         if self.is_brief:
             wait, gap = _NOISY_WAITS[self._turn % len(_NOISY_WAITS)], _NOISE
@@ -172,7 +176,9 @@ class SerialLine:
             self._deaf += air
         else:
             self.noisy_since = self.air_end
-        if job.expects_reply:
+        if not job.expects_reply:
+            self.strangers.unanswered(request.adu, start)
+        else:
             self.job = job
             takes = (request.length or MAX_FRAME) * self.character
             self.deadline = self.owed_until = self.air_end + reply_timeout + takes + self.latency
@@ -188,7 +194,8 @@ class SerialLine:
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
         self.airtime += len(data) * self.character
-        if now >= self.quiet_at or self.heard_at < self.noisy_since or now > self.heard_at + self._deaf + STOP_WAITS:
+        follows_silence = now >= self.quiet_at
+        if follows_silence or self.heard_at < self.noisy_since or now > self.heard_at + self._deaf + STOP_WAITS:
             self.noisy_since = now  # what was heard before is over, however many parts of a stop went out since
         self.heard_at = now
         if self._deaf:
@@ -197,8 +204,14 @@ class SerialLine:
         if self._first_byte_at is None:
             self._first_byte_at = now
         received = self.exchange.feed(data)
+        for _, _, frame in received:
+            self.strangers.sent_or_answered(frame)
         if received:
             self._framed_at = now
+            if passed := self.exchange.passed:
+                self.strangers.heard(passed, now, follows_silence=True)
+        elif self.job is None:
+            self.strangers.heard(data, now, follows_silence=follows_silence)
         if received and not self.is_brief:
             self.noisy_since = now  # a frame is no noise
         return received
@@ -238,6 +251,10 @@ class SerialLine:
 
     def end(self, late: Sequence[PendingReplies], now: float, *, answered: bool) -> None:
         """The job that was out was answered or given up."""
+        if self.job is not None and not answered:
+            self.strangers.unanswered(self.job.request.adu, now)
+            if (heard := self.exchange.heard()) is not None:
+                self.strangers.heard(heard.rest, now, follows_silence=True)
         self.job = None
         if not self.is_brief and answered:
             self.noisy_since, self.heard_at = now, NEVER  # what comes next is the first that may be noise

@@ -136,6 +136,11 @@ class Transaction:
         """Bytes held that may be the begin of a frame that is waited for."""
         return self._receiver.begun
 
+    @property
+    def passed(self) -> bytes:
+        """The bytes right before what `feed` returned last."""
+        return self._receiver.passed
+
     def heard(self) -> Heard | None:
         """What has come that was no answer; None if nothing has."""
         rest = self._receiver.rest

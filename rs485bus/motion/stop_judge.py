@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rs485bus.bus.units.adapter import StandstillDetector
 from rs485bus.motion.standstill import Standstill
-from rs485bus.motion.state import Fact
+from rs485bus.motion.state import Fact, Facts
 from rs485bus.wire.frames import Request
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ class StopJudge(StandstillDetector):
     def __init__(self, drive: Drive, axes: Sequence[int]) -> None:
         self._drive = drive
         self._still = {axis: Standstill(drive.state.axes[axis].rule) for axis in axes}
+        self._speeds: dict[int, float] = {}
+        """What each axis told when it was asked last, in rpm, whichever way it turns."""
         self._status_last = False
         """The status was asked for last."""
 
@@ -40,6 +42,7 @@ class StopJudge(StandstillDetector):
 
     def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
         told, moves = self._drive.decode(request, reply), False
+        self.slows_down = self._is_slower(told)
         for axis, still in self._still.items():
             facts = told[axis] if axis < len(told) else {}
             seen = facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED)
@@ -57,6 +60,15 @@ class StopJudge(StandstillDetector):
         if not self.by_status_alone:
             self._note_where(sent_at)
         return True
+
+    def _is_slower(self, told: Sequence[Facts]) -> bool:
+        """Whether each axis that turned when it was asked before is slower now, by more than one that stands may seem
+        to turn."""
+        rpms = {axis: facts.get(Fact.SPEED) for axis, facts in enumerate(told) if axis in self._still}
+        before, self._speeds = self._speeds, {axis: abs(rpm) for axis, rpm in rpms.items() if rpm is not None}
+        least = max(still.rule.still_rpm for still in self._still.values())
+        turned = {axis: rpm for axis, rpm in before.items() if rpm > least}
+        return bool(turned) and all(self._speeds.get(axis, rpm) < rpm - least for axis, rpm in turned.items())
 
     def _note_where(self, sent_at: float) -> None:
         """They stand where they were seen last: what is found elsewhere later has restarted."""

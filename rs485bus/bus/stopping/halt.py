@@ -4,7 +4,7 @@ A stop is never confirmed by its echo, only by reading, after it was sent, that 
 until that was read; after three stops in vain it says so and goes on more quietly.
 
 A repetition is the same stop. A harder one follows where an acknowledged stop has not led to a stand in one and a half
-times the time that it takes, or where two were not acknowledged.
+times the time that it takes, or where two were not acknowledged. One that is seen to slow down has heard one.
 
 Procedures are generators that the owner drives: they yield what they wait for (a job, a time, a halt, other procedures)
 and are resumed with what came of it. They belong to no task, so nothing can cancel them.
@@ -25,7 +25,6 @@ from rs485bus.bus.units.motion import NEVER, Motion
 from rs485bus.wire.frames import Request
 
 T = TypeVar("T")
-
 _log = logging.getLogger("rs485bus")
 
 Wanted = Union[Job, float, "Halt", Endings[Any]]
@@ -302,8 +301,10 @@ class Halt:
                 continue
             answered = look is not None and look.outcome is Outcome.REPLY
             heard += answered
-            # One that was seen moving did not hear the stop: it is said again without waiting for a ramp.
-            if not self._acknowledged and (standing is False or (not answered and self._is_pressing(pacing))):
+            if standing is False and self._detector.slows_down:
+                self._unacknowledged = 0
+            # One that moves on did not hear the stop: it is said again without waiting for a ramp.
+            elif not self._acknowledged and (standing is False or (not answered and self._is_pressing(pacing))):
                 return False
             # On a noisy pair it may well stand, and not be heard to say so.
             margin = 0.0 if heard or not pacing.is_noisy(self._now) else _NOISY_MARGIN
@@ -327,7 +328,6 @@ class Halt:
 
     def _next_look(self, pacing: Pacing, by: float) -> Job | None:
         """What to ask next, and not after the time given; None if a late reply could be taken for every answer."""
-
         weighs = not pacing.late.in_order
 
         def fresh(request: Request) -> bool:

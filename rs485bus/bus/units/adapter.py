@@ -29,6 +29,8 @@ class StandstillDetector(ABC):
     will do where the stop was acknowledged."""
     lacks_place = False
     """Its status says that it stands, and where that is was not asked yet: there is nothing to wait for."""
+    slows_down = False
+    """It was slower when it was asked last than when it was asked before that."""
 
     def stop_sent(self) -> None:
         """It was told to stop, perhaps once more: what tells soonest is asked first."""

@@ -38,6 +38,42 @@ async def test_a_stop_takes_no_longer_than_the_speed_that_it_has_needs_and_is_no
         await asyncio.wait([asyncio.ensure_future(moves.wait())])
 
 
+@on_virtual_clock
+async def test_a_stop_whose_answers_are_missing_is_no_harder_where_the_wheel_is_seen_to_slow_down() -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        await p.base.left.run(200, acceleration=RATE)
+        p.sim.lose_reply("0620880000", times=2)
+        stopped = p.base.left.stop()
+        assert await slowed_down(p, 5.0) < 1.5 * 200 / RATE
+        await stopped
+        await p.base.left.run(50, acceleration=RATE)  # it holds its motors still
+
+
+@on_virtual_clock
+async def test_a_stop_that_is_not_heard_is_harder_at_the_third_time() -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        await p.base.left.run(200, acceleration=RATE)
+        p.sim.lose_request("0620880000", times=2)
+        await p.base.left.stop()
+        assert p.sim.all_lost
+        assert p.sim.value_writes("0620880000") == 0
+        assert p.sim.value_writes("06200E0005") == 1
+
+
+@on_virtual_clock
+async def test_a_stop_that_is_not_heard_while_the_wheel_slows_down_for_another_reason_is_said_again_soon() -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        await p.base.left.run(300, acceleration=RATE)
+        p.base.left.run(100, acceleration=RATE, replace=True)
+        await asyncio.sleep(0.2)
+        p.sim.lose_request("0620880000", times=2)
+        stopped = p.base.left.stop()
+        await asyncio.sleep(1.0)
+        assert p.sim.all_lost
+        assert p.sim.value_writes("0620880000") == 1
+        await stopped
+
+
 @pytest.mark.parametrize("after", [0.3, 1.0, 2.0])
 @on_virtual_clock
 async def test_a_slower_run_during_the_ramp_of_a_faster_one_keeps_the_ramp_and_is_not_late(after: float) -> None:

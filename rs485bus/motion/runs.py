@@ -234,7 +234,11 @@ class RunExecutor:
         """Stop it by its ramp, and the axes with it that it was set in motion with: that waits for no late reply to
         what was said before, and is repeated until it is seen to stand."""
         alone = self._stops.queue.joint is None
-        await self._stops.stand_still(motion=None if alone else self._drive.motion)
+        if alone and self._stops.is_stopping:  # else its ramp may begin anew
+            self._supervisor.leave(self._axis)
+            await self._stops.stopped()
+        else:
+            await self._stops.stand_still(motion=None if alone else self._drive.motion)
 
     async def _began_at(self, task: Task, profile: RunProfile, counts_per_turn: int) -> float:
         """When it was set in motion, for a time that is counted here. Where its start was said more than once, its

@@ -47,16 +47,19 @@ class ZlacMemory:
         self._words: dict[int, int] = {}
         self._sent: dict[int, tuple[float, bytes]] = {}
         """The last write to each address: when, and its frame."""
+        self._said: dict[int, int] = {}
+        """The last word that was written to each address, whether or not that was acknowledged."""
 
     def forget(self) -> None:
         """It may hold anything: it has restarted."""
         self._words.clear()
+        self._said.clear()
 
     def sent(self, request: Request, at: float) -> None:
         """A write goes out."""
-        for address in written_words(request):
+        for address, word in written_words(request).items():
             self._words.pop(address, None)
-            self._sent[address] = (at, request.adu)
+            self._sent[address], self._said[address] = (at, request.adu), word
 
     def heard(self, request: Request, reply: bytes, asked_at: float) -> None:
         """It answered something that was asked for at a time or later."""
@@ -77,3 +80,8 @@ class ZlacMemory:
     def value(self, register: Register[T]) -> T | None:
         """What a register holds; None if that is not known."""
         return decode(register, self._words)
+
+    def told(self, register: Register[T]) -> T | None:
+        """What a register holds or, where that is not known, what it was told last: that may have arrived."""
+        held = self.value(register)
+        return decode(register, self._said) if held is None else held

@@ -289,7 +289,7 @@ def change_to(drive: KnownZlac, axis: int, rpm: float) -> float:
     state = drive.state.axes[axis]
     if not state.motion.may_move:
         return abs(rpm)
-    told = (drive.memory.value(r.TARGET_VELOCITY.of(_SIDES[axis])) or 0) / drive.abilities[axis].resolution
+    told = (drive.memory.told(r.TARGET_VELOCITY.of(_SIDES[axis])) or 0) / drive.abilities[axis].resolution
     asked, rate = state.last(Fact.SPEED), drive.accelerations.get(axis) or math.inf
     speed, most = asked.value or 0.0, rate * max(0.0, drive.now() + _UNDER_WAY - asked.at)
     if is_speed(speed, told):

@@ -38,6 +38,22 @@ async def test_a_stop_takes_no_longer_than_the_speed_that_it_has_needs_and_is_no
         await asyncio.wait([asyncio.ensure_future(moves.wait())])
 
 
+@pytest.mark.parametrize("before", [0, 100])
+@on_virtual_clock
+async def test_a_stop_is_no_steeper_where_the_answer_to_the_start_is_missing(before: int) -> None:
+    async with plant(WatchedZlac(watchdog=0)) as p:
+        if before:
+            await p.base.left.run(before, acceleration=RATE)
+        p.sim.lose_reply("06208800C8", times=20)
+        move = p.base.left.run(200, acceleration=RATE)
+        await asyncio.sleep(0.2)
+        assert p.rpm()[0] > before + 12
+        stopped = p.base.left.stop()
+        await slowed_down(p, 10.0)
+        await stopped
+        await asyncio.wait([asyncio.ensure_future(move.wait())])
+
+
 @on_virtual_clock
 async def test_a_stop_whose_answers_are_missing_is_no_harder_where_the_wheel_is_seen_to_slow_down() -> None:
     async with plant(WatchedZlac(watchdog=0)) as p:

@@ -180,6 +180,8 @@ class Attempts:
         pair.end(self._units.late(now) if self._units.owing else (), now, answered=True)
         if meaning is not None:
             self._fed_nothing(job)
+            if meaning is not Meaning.REFUSED and unit.attached is not None:
+                unit.tell(unit.attached.on_busy)
             self._repeating.after_exception(job, meaning, now)
             return
         # Where an answer is never known to be the latest attempt's, it feeds as if it were: that was sent all the same.

@@ -347,6 +347,9 @@ class Drive(DeviceAdapter):
     def on_unanswered(self, sent_at: float) -> None:
         self.state.silence.missed(sent_at)
 
+    def on_busy(self) -> None:
+        self.state.was_busy = True
+
     def on_late_reply(self, sent_at: float) -> None:
         self.state.hear_late(sent_at)
 

@@ -300,7 +300,9 @@ class DriveState:
         self.gap_at = NEVER
         """When it was first heard after its last silence, in which it may have restarted."""
         self.silent_until = NEVER
-        """The same of the last one in which it was asked, too, and did not answer."""
+        """The same of the last one in which it was asked, too, and did not answer, or was busy."""
+        self.was_busy = False
+        """It has said so since its last reply."""
         self._answered_at = NEVER
         """When its last reply came."""
         self.so_by = NEVER
@@ -331,7 +333,8 @@ class DriveState:
             self.gap_at = at
             for axis in self.axes:
                 axis.was_unheard = not tells_restarts
-        was_asked, was_silent = self.silence.has_missed, self.silence.answered(now)
+        was_asked, was_silent = self.silence.has_missed or self.was_busy, self.silence.answered(now)
+        self.was_busy = False
         if now > self._answered_at + FRESH:
             if at <= self.heard_at + FRESH:
                 self.gap_at = now  # the first attempt may have been made long ago, and be what is answered

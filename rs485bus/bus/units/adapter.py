@@ -193,6 +193,10 @@ class DeviceAdapter(ABC):
         """It has not answered a request in its time, whoever asked."""
         return
 
+    def on_busy(self) -> None:
+        """It has answered, whoever asked, that it is busy, or at it still."""
+        return
+
     def on_late_reply(self, sent_at: float) -> None:
         """A reply came too late for whoever asked, to what was sent then at the latest. It is told to nobody else."""
         return

@@ -20,6 +20,7 @@ from rs485bus.errors import (
     StopUnconfirmed,
 )
 from rs485bus.sim import Noise, SimTlr
+from rs485bus.wire.frames import crc
 from tests.devices.tlr.support import TRIGGERS, lose, now, restart_at_once, stepper_on, writes
 from tests.integration.support import virtual
 
@@ -182,6 +183,30 @@ async def test_a_restart_while_the_target_is_written_starts_nothing(block: bool)
         assert sim.moves == moves
         with pytest.raises(ReferenceLost):
             await x.move_to(0.3)
+
+
+@pytest.mark.parametrize("at", [CONTROL, BLOCK])
+@virtual
+async def test_a_drive_that_restarts_after_it_has_said_that_it_is_busy_does_not_go_by_its_new_zero(at: int) -> None:
+    """All that it is asked it answers."""
+    sim, says = SimTlr(), iter((False, False, False, True))
+    async with stepper_on(sim, config=BusConfig(retries=4)) as x:
+        await x.enable()
+        await x.move_to(5.0)
+        receive = sim.receive
+
+        def busy(frame: bytes, now: float) -> bytes | None:
+            mine = frame[1] in (6, 16) and int.from_bytes(frame[2:4], "big") == at
+            restarts = next(says, None) if mine else None
+            if restarts:
+                restart_at_once(sim)
+            refusal = bytes((1, frame[1] | 0x80, 6))
+            return receive(frame, now) if restarts is None else refusal + crc(refusal)
+
+        sim.receive = busy  # type: ignore[method-assign]
+        with pytest.raises(ReferenceLost):
+            await x.move_to(6.0)
+        assert sim.shaft(now()) == pytest.approx(5.0)
 
 
 @virtual

@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import TypeVar
 
 from rs485bus.wire.frames import BROADCAST, crc
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+KEPT = 5_000
+"""How many of its latest requests a device remembers, at least: it may run for days."""
+_T = TypeVar("_T")
+
+
+def remember(history: list[_T], latest: _T) -> None:
+    """Add to a history, and forget what is older than the latest `KEPT`, now and then."""
+    if len(history) >= 2 * KEPT:
+        del history[:-KEPT]
+    history.append(latest)
 
 
 class Refusal(Exception):
@@ -83,7 +94,7 @@ class SimUnit(SimDevice):
         super().__init__(address)
         self.registers = dict(registers)
         self.writes: list[tuple[float, int, tuple[int, ...]]] = []
-        """Every write it took: when, first register, values."""
+        """The latest writes it took: when, first register, values."""
 
     def answer(self, pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
         function, register = pdu[0], int.from_bytes(pdu[1:3], "big")
@@ -118,6 +129,6 @@ class SimUnit(SimDevice):
         """Take a write. Raises `Refusal` where there is no such register."""
         if any(address not in self.registers for address in range(register, register + len(values))):
             raise Refusal(ILLEGAL_ADDRESS)
-        self.writes.append((now, register, values))
+        remember(self.writes, (now, register, values))
         for offset, value in enumerate(values):
             self.registers[register + offset] = value

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rs485bus.sim.device import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Refusal, SimDevice
+from rs485bus.sim.device import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Refusal, SimDevice, remember
 
 _MAX_PDU = 253
 _LISTEN_ONLY, _RESTART = 4, 1
@@ -48,7 +48,7 @@ class SimModbus(SimDevice):
         self.messages = 0
         """Messages it has seen."""
         self.asked: list[bytes] = []
-        """Every request that it has seen, without address and CRC."""
+        """The latest requests that it has seen, without address and CRC."""
         self._functions: dict[int, Callable[[bytes], bytes]] = {
             1: lambda pdu: self._read_bits(pdu, self.data.coils),
             2: lambda pdu: self._read_bits(pdu, self.data.inputs),
@@ -73,7 +73,7 @@ class SimModbus(SimDevice):
 
     def answer(self, pdu: bytes, now: float, *, broadcast: bool) -> bytes | None:
         self.messages += 1
-        self.asked.append(pdu)
+        remember(self.asked, pdu)
         subfunction = _word(pdu, 1) if pdu[0] == 8 else 0
         if self.listens_only:
             self.listens_only = subfunction != _RESTART

@@ -7,7 +7,7 @@ from typing import Literal
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.alarms import alarm_of
 from rs485bus.devices.tlr.values import Auxiliary, ControlWord, DiFunction, OperatingMode, Ports, StatusWord
-from rs485bus.sim.device import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, Refusal, SimUnit
+from rs485bus.sim.device import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, Refusal, SimUnit, remember
 from rs485bus.sim.tlr_inputs import TlrInputs
 from rs485bus.sim.tlr_machine import Dip, TlrMachine
 from rs485bus.sim.tlr_memory import Memory
@@ -204,7 +204,7 @@ class SimTlr(SimUnit):
                 self._auxiliary(value, before, now)
             else:
                 self.memory.words[address] = value
-        self.writes.append((now, register, values))
+        remember(self.writes, (now, register, values))
         if self.serial_at_once:
             self._take_serial()
         if self.live_jog and register == r.JOG.address and self.motion.activity is Activity.JOGGING:

@@ -5,7 +5,9 @@ import itertools
 import pytest
 
 from rs485bus.sim import Noise, SimUnit
+from rs485bus.sim.device import KEPT
 from rs485bus.sim.line import VirtualPair
+from rs485bus.sim.modbus import ModbusData, SimModbus
 from rs485bus.wire.frames import read_holding, write_single
 from rs485bus.wire.timing import LineSettings
 
@@ -171,3 +173,12 @@ def test_a_probability_out_of_range_is_refused() -> None:
         Noise(torn=1.5)
     with pytest.raises(ValueError, match="late_by -1"):
         Noise(late_by=-1)
+
+
+@pytest.mark.parametrize("device", [SimUnit(1, {3: 0}), SimModbus(1, ModbusData(registers={3: 0}))])
+def test_a_device_that_runs_for_days_remembers_its_latest_requests_only(device: SimUnit | SimModbus) -> None:
+    for value in range(3 * KEPT):
+        device.receive(write_single(1, 3, value).adu, 0.001 * value)
+    history = device.writes if isinstance(device, SimUnit) else device.asked
+    assert KEPT <= len(history) <= 2 * KEPT
+    assert history[-1] in ((0.001 * value, 3, (value,)), write_single(1, 3, value).adu[1:-2])

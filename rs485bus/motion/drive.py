@@ -63,6 +63,8 @@ class Effect:
     """The drive restarts: why positions are not to be trusted then."""
     keeps: bool = False
     """It is a speed that the axis keeps until it is told otherwise."""
+    aim: int | None = None
+    """To which count it sends the axis; None where it does not, or by a way."""
 
 
 NO_EFFECT = Effect()
@@ -374,7 +376,7 @@ class Drive(DeviceAdapter):
         axis = self.state.axes[number]
         axis.change(effect.changes, at)
         if effect.fastest is not None:
-            axis.start(_OVERSHOOT * effect.fastest / 60 * self.ability(number).counts_per_turn, at)
+            axis.start(_OVERSHOOT * effect.fastest / 60 * self.ability(number).counts_per_turn, at, effect.aim)
         if Fact.RUNNING in effect.changes or effect.holds is False:
             axis.keeps = effect.keeps
         if effect.stops:

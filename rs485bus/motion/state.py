@@ -100,6 +100,9 @@ class AxisState:
         """That, where it was last for another reason than a restart."""
         self.fastest = 0.0
         """How fast it can have moved since it last stood, in counts a second."""
+        self.aims: tuple[int, int] | None = (0, 0)
+        """Between which counts zero lies, and all that it was told to go to since it last stood; None where it may have
+        been told to go anywhere."""
         self.between: tuple[int, int | None] | None = None
         """From where to where it went, in counts, when nobody knows what became of that: where it is seen next shows
         whether its drive has restarted. The end is None where it may have gone anywhere."""
@@ -190,8 +193,10 @@ class AxisState:
             if fact is _POSITION:
                 self.standstill.forget()
 
-    def start(self, fastest: float, at: float = NEVER) -> None:
-        """It may move from now on, at up to so many counts a second."""
+    def start(self, fastest: float, at: float = NEVER, aim: int | None = None) -> None:
+        """It may move from now on, at up to so many counts a second; to that count, where it was told one."""
+        aims = self.aims if self.fastest else (0, 0)
+        self.aims = (min(aims[0], aim), max(aims[1], aim)) if aims is not None and aim is not None else None
         self.stood_at = None
         self.told_at = at if self.told_at == NEVER else self.told_at
         self.fastest = max(self.fastest, fastest)
@@ -274,8 +279,16 @@ class AxisState:
         position since; and that would matter."""
         told = self.motion.commanded_at > self.silent_since and self.fastest < _FOREVER
         reach = self.jump + (self.fastest * for_seconds if told else 0.0)
-        moved = self.motion.may_move or self.motion.commanded_at > before.at
-        stayed = not moved and abs(self.rule.moved(before.value, position)) <= self.jump * _STAYS
+        way = abs(self.rule.moved(before.value, position))
+        if not (self.motion.may_move or self.motion.commanded_at > before.at):
+            stayed = way <= self.jump * _STAYS
+        elif told and self.aims is not None:
+            # It is not on its way from zero; or where it was before, which is none of its aims.
+            first, last = self.aims
+            stayed = not first - self.jump <= position <= last + self.jump
+            stayed |= way <= self.rule.same and min(abs(position - first), abs(position - last)) > self.jump
+        else:
+            stayed = False
         return abs(position) <= reach and not stayed
 
     def _is_plausible(self, position: int, start: int, end: int | None) -> bool:

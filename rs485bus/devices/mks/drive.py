@@ -162,7 +162,8 @@ class MksDrive(Drive):
             return (Effect(MOTION | {Fact.ENABLED, Fact.STALLED, Fact.MARK}, _FOREVER, shifts=True),)
         if what.address in _MOVING_BLOCKS:
             code = values[_SPEED_AT.get(what.address, 1)]
-            return (Effect(MOTION, self._ability.rpm_of(code), keeps=what is r.RUN) if code else STOPS,)
+            aim = values[2] if what is r.MOVE_TO_COUNTS else None
+            return (Effect(MOTION, self._ability.rpm_of(code), keeps=what is r.RUN, aim=aim) if code else STOPS,)
         if what.address in _RESTARTING:
             return (Effect(frozenset(Fact), _FOREVER, restarts="it was restarted."),)
         return (_EFFECTS.get(what.address, NO_EFFECT) if what is not r.ENABLE else _enabling(values[0]),)

@@ -113,6 +113,36 @@ def test_two_positions_of_which_the_first_was_asked_for_twice_are_as_far_apart_a
     assert drive.axes[0].stands is True
 
 
+@pytest.mark.parametrize(
+    ("stood", "aim", "position", "may_have_restarted"),
+    [
+        (74_000, -1000, 7000, False),  # on its way from there; from zero it would never come by
+        (74_000, 5000, 7000, False),
+        (74_000, 7000, 7000, True),  # it has arrived, from wherever
+        (74_000, 90_000, 7000, True),
+        (22_000, 90_000, 22_000, False),  # it stands yet where it stood
+        (22_000, 22_000, 22_000, True),
+        (22_000, None, 22_000, True),  # by a way
+        (74_000, None, 7000, True),
+    ],
+)
+def test_a_drive_that_was_told_a_move_while_it_was_silent_has_restarted_only_if_it_can_have_come_from_zero(
+    stood: int, aim: int | None, position: int, *, may_have_restarted: bool
+) -> None:
+    axis = AxisState(Motion(), RULE, jump=100)
+    drive = DriveState((axis,))
+    drive.hear(0.0, 0.005, ({Fact.POSITION: stood},), tells_restarts=False)
+    axis.stood()
+    axis.change(MOTION, 0.1)
+    axis.start(200_000.0, 0.1, aim)
+    axis.motion.commanded(0.1)
+    for sent_at in (0.1, 0.2, 0.3, 0.4):
+        drive.silence.missed(sent_at)
+    drive.hear(0.5, 0.505, ({Fact.RUNNING: True},), tells_restarts=False)
+    drive.hear(0.9, 0.905, ({Fact.POSITION: position},), tells_restarts=False)
+    assert bool(axis.lost) is may_have_restarted
+
+
 # The families: drives that answer as they are, late and in any order, while anybody writes
 
 

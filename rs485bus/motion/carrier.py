@@ -9,6 +9,9 @@ from typing import Any, TypeVar
 import anyio
 
 from rs485bus.bus.bus import Bus
+from rs485bus.bus.schedule.burst import BurstSlot
+from rs485bus.bus.schedule.repeating import pause_of
+from rs485bus.bus.units.motion import Motion
 from rs485bus.errors import (
     BusError,
     DeviceOffline,
@@ -48,6 +51,7 @@ from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
 from rs485bus.motion.upkeep import answers_again, insist, keep_fed, others_stand
+from rs485bus.wire.exceptions import BUSY
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
@@ -273,9 +277,7 @@ class PlanCarrier:
         patience = max(1.0, SILENT * self._supervisor.interval)
         timeout = patience if step.repeat is Repeat.SAFE and any(each.before for _, each in everybody) else None
         try:
-            return await self._bus.ask(
-                step.request, repeat=step.repeat, moves=True, motion=motion, slot=task.slot, timeout=timeout
-            )
+            return await self._say_start(step, everybody, motion, task.slot, timeout)
         except (OutcomeUnknown, NoReply) as unknown:
             await self._settle(step, task, _as_unknown(unknown))
             return b""
@@ -283,6 +285,34 @@ class PlanCarrier:
             for carrier, each in everybody:
                 sent_at = carrier._state.motion.commanded_at
                 each.move.started_at = sent_at if each.since is None and sent_at >= began else each.since
+
+    async def _say_start(
+        self,
+        step: Start,
+        everybody: Sequence[tuple[PlanCarrier, Task]],
+        motion: Motion,
+        slot: BurstSlot | None,
+        timeout: float | None,
+    ) -> bytes:
+        """Send the start. A drive that is busy may restart meanwhile: it is not said again before that is known."""
+        repeat = Repeat.NEVER if step.repeat is Repeat.VERIFY else step.repeat
+        epoch, busy = motion.epoch, 0
+        while True:
+            try:
+                return await self._bus.ask(
+                    step.request, repeat=repeat, moves=True, motion=motion, slot=slot, timeout=timeout
+                )
+            except DeviceRefused as error:
+                busy += 1
+                if error.code != BUSY or repeat is Repeat.SAFE or slot is not None or busy > self._bus.config.retries:
+                    raise
+                refused = error
+            await anyio.sleep(pause_of(busy))
+            for carrier, each in everybody:
+                stood_at = None if each.before or each.under_way else each.start
+                await carrier._knowledge.see_put_off(stood_at, each.target)
+            if motion.epoch != epoch:
+                raise refused  # it was stopped meanwhile
 
     async def _settle(self, step: Start, task: Task, unknown: OutcomeUnknown) -> None:
         """See whether a start was taken whose answer was lost. Raises `_NotTaken` if it was not."""

@@ -222,12 +222,26 @@ class AxisKnowledge:
         Raises:
             ReferenceLost: it has; or positions were not to be trusted before, where it is to go `by_reference`.
         """
-        state, lost, until = self.state, self.state.lost, self._drive.state.silent_until
+        state, lost, drive = self.state, self.state.lost, self._drive.state
+        until = drive.unsure_since(self._bus.now()) if drive.was_busy else drive.silent_until
         is_older = any(state.last(fact).at < until for fact in self._drive.marks(self._axis))
         if is_older and not state.counts_anew:
             await self.see_restart()
         if by_reference or state.lost != lost:
             self.check_reference()
+
+    async def see_put_off(self, start: int | None, target: int | None) -> None:
+        """The same where its start is put off because the drive is busy. It stands at the start of its way, or has gone
+        some of that to its target, if it has any.
+
+        Raises:
+            ReferenceLost: as `see_silence`.
+        """
+        self.state.between = None if start is None else (start, target)
+        try:
+            await self.see_silence(by_reference=target is not None)
+        finally:
+            self.state.between = None
 
     async def see_after_silence(self, *, heard: bool) -> None:
         """Find out whether the drive has restarted, if it is heard again. Raises `ReferenceLost` if it has."""

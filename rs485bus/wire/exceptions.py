@@ -34,6 +34,7 @@ class ModbusException(NamedTuple):
 
 
 ACCEPTED: Final = 5
+BUSY: Final = 6
 _OTHER: Final = ModbusException("a code of the device's own", Meaning.OPEN)
 _EXCEPTIONS: Final = {
     1: ModbusException("illegal function", Meaning.REFUSED),
@@ -41,7 +42,7 @@ _EXCEPTIONS: Final = {
     3: ModbusException("illegal value", Meaning.REFUSED),
     4: ModbusException("failed while it was carried out", Meaning.OPEN),
     ACCEPTED: ModbusException("accepted, and still being carried out", Meaning.OPEN),
-    6: ModbusException("busy", Meaning.BUSY),
+    BUSY: ModbusException("busy", Meaning.BUSY),
     # Some devices say 07 before, some after they have tried; for the functions in use no document promises either.
     7: ModbusException("negative acknowledge", Meaning.OPEN),
     8: ModbusException("memory parity error", Meaning.OPEN),

@@ -77,7 +77,7 @@ class Repeating:
     def after_exception(self, job: Job, meaning: Meaning, now: float) -> None:
         """The device said no, or that it could not do it."""
         if meaning is Meaning.BUSY and job.repeat is not Repeat.NEVER and self._may_repeat(job, now):
-            job.not_before = now + _pause(_attempts(job))
+            job.not_before = now + pause_of(_attempts(job))
             self._queue.put(job, first=True)
         elif meaning is Meaning.OPEN and job.request.writes:
             if not self._read_back(job, now):
@@ -107,7 +107,7 @@ class Repeating:
         job.read_backs += 1
         back = self._ask(job, verify.read, lambda back: self._was_read_back(job, back), now)
         if _was_begun(job):
-            back.not_before = now + _pause(job.read_backs)  # it may be at it still
+            back.not_before = now + pause_of(job.read_backs)  # it may be at it still
         return True
 
     def _ask(self, job: Job, read: Request, on_end: Callable[[Job], None], now: float) -> Job:
@@ -168,5 +168,6 @@ def _attempts(job: Job) -> int:
     return job.attempts - min(job.cuts, _CUTS) - max(job.weighed, 0)
 
 
-def _pause(times: int) -> float:
+def pause_of(times: int) -> float:
+    """Seconds for which a device is left alone that has said so often that it is busy."""
     return min(_LONGEST_PAUSE, _BUSY_PAUSE * 2.0 ** (times - 1))

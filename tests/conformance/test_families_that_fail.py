@@ -15,6 +15,7 @@ from rs485bus.devices.mks.drive import MksWatchdog
 from rs485bus.errors import (
     BusError,
     MotionError,
+    MoveCancelled,
     MoveFailed,
     NoReply,
     NotSent,
@@ -235,6 +236,21 @@ async def test_a_drive_whose_stop_cannot_be_made_is_stopped_as_its_start_has_sai
             assert not on.moving
             await on.axes[1].move_by(1.0)
     assert not on.moving
+
+
+@pytest.mark.parametrize("subject", [each for each in SUBJECTS if each.homes], ids=str)
+@on_virtual_clock
+async def test_a_drive_that_looks_for_its_origin_is_stopped_as_its_start_has_said(subject: Subject) -> None:
+    async with rig(subject) as on, asyncio.timeout(30):
+        await on.axis.move_to(5.0)
+        homing = on.axis.home()
+        await asyncio.sleep(0.5)
+        assert on.moving
+        on.axis.attached.stops = fails
+        await on.axis.stop()
+        assert not on.moving
+        with pytest.raises(MoveCancelled):
+            await homing
 
 
 @on_virtual_clock

@@ -69,7 +69,7 @@ def _seek(drive: MksDrive, how: GoHome, timeout: float, half: int | None) -> Pla
     before = axis.value(Fact.MARK)
     yield Start(
         write(drive.address, r.GO_HOME, how),
-        stop=None,
+        stop=write(drive.address, r.EMERGENCY_STOP, 1),  # there is none by a ramp
         stopping=0.0,
         repeat=r.GO_HOME.repeat,  # every write starts it anew (5.3.6)
         signs=(Fact.MARK,),

@@ -179,6 +179,8 @@ class Drive(DeviceAdapter):
     """What to do about a stall, in a sentence."""
     fault_remedy = ""
     """What to do about any fault, once its cause is mended, in a sentence."""
+    judge: type[StopJudge] = StopJudge
+    """Tells whether it stands, by what is asked after a stop."""
 
     def __init__(self, name: str, address: int, axes: tuple[AxisState, ...], motion: Motion | None = None) -> None:
         self.name = name
@@ -334,7 +336,7 @@ class Drive(DeviceAdapter):
 
     def judgement(self, motion: Motion) -> StandstillDetector:
         axes = [at for at, axis in enumerate(self.state.axes) if axis.motion is motion]
-        return StopJudge(self, axes or range(len(self.state.axes)))
+        return self.judge(self, axes or range(len(self.state.axes)))
 
     def on_reply(self, request: Request, reply: bytes, asked_at: float, now: float) -> None:
         self.state.misunderstood = None

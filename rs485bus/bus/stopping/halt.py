@@ -4,7 +4,7 @@ A stop is never confirmed by its echo, only by reading, after it was sent, that 
 until that was read; after three stops in vain it says so and goes on more quietly.
 
 A repetition is the same stop. A harder one follows where an acknowledged stop has not led to a stand in one and a half
-times the time that it takes, or where two were not acknowledged. One that is seen to slow down has heard one.
+times the time that it takes, or where two were not acknowledged, unless it is seen to slow down; or after three.
 
 Procedures are generators that the owner drives: they yield what they wait for (a job, a time, a halt, other procedures)
 and are resumed with what came of it. They belong to no task, so nothing can cancel them.
@@ -37,8 +37,7 @@ _UNACKNOWLEDGED = 2
 """Stops in a row without an acknowledgement after which the next one is harder."""
 _IN_TIME = 1.5
 """How many times the time that an acknowledged stop takes it is given."""
-_MARGIN = 0.05
-_NOISY_MARGIN = 0.5
+_MARGIN, _NOISY_MARGIN = 0.05, 0.5
 _LOOK_EVERY = 0.02
 _LOOKS = 6
 """Looks that one that acknowledged the stop has to be seen to stand, at least, however long each takes."""
@@ -219,7 +218,8 @@ class Halt:
             if order != self._orders:
                 self._tell_who_waited(pacing)
                 continue
-            self._hardened = self._hardened or self._acknowledged or self._unacknowledged >= _UNACKNOWLEDGED
+            in_vain = self._unacknowledged >= _UNACKNOWLEDGED or tries >= STOPS
+            self._hardened = self._hardened or self._acknowledged or in_vain
             if tries >= STOPS or (cut_short and self._now >= self._ordered_at + pacing.gives_up_after):
                 self.give_up()
             self._tell_who_waited(pacing)

@@ -13,9 +13,9 @@ from rs485bus.bus.units.motion import Motion
 from rs485bus.devices.mks import alarms
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.ability import MksAbility
-from rs485bus.devices.mks.alarms import hints
 from rs485bus.devices.mks.frames import is_native, read, understand, write, write_block
 from rs485bus.devices.mks.homing import EndLimits, Homing, SingleTurnHoming, homing_frames
+from rs485bus.devices.mks.judge import MksStopJudge
 from rs485bus.devices.mks.settings import SETTINGS, MksProfile
 from rs485bus.devices.mks.values import Homed, Inputs, Level, Model, MotionDirection, Status, WorkMode
 from rs485bus.errors import DeviceRefused, NotEnabled, NotStanding, NotSupported
@@ -90,7 +90,8 @@ class MksDrive(Drive):
     combines_reads = False  # addresses are command codes (4)
     rotation = (Fact.RUNNING, Fact.STALLED, Fact.ENABLED)
     causes = (Fact.STALLED, Fact.ENABLED, Fact.LIMIT)
-    stall_remedy = hints([alarms.STALLED])
+    stall_remedy = alarms.hints([alarms.STALLED])
+    judge = MksStopJudge
 
     def __init__(
         self,
@@ -355,7 +356,7 @@ class MksDrive(Drive):
 
 _WHY_NOT = (
     "The bus enables and moves it in the SR modes only (7.2.2), and as shipped it is in CR_vFOC: set_mode("
-    f"WorkMode.SR_VFOC), or set it at its keys. {hints(alarms.KEEP_IT_OFF)}"
+    f"WorkMode.SR_VFOC), or set it at its keys. {alarms.hints(alarms.KEEP_IT_OFF)}"
 )
 _EFFECTS: dict[int, Effect] = {
     r.EMERGENCY_STOP.address: STOPS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from rs485bus.bus.units.adapter import StandstillDetector
-from rs485bus.devices.tlr.telemetry import report
+from rs485bus.devices.tlr.telemetry import STILL_RPM, report
 from rs485bus.motion.standstill import Standstill, StandstillRule
 from rs485bus.wire.frames import Request, payload
 
@@ -24,12 +24,16 @@ class TlrStopJudge(StandstillDetector):
         self._reads = reads
         self._so_by = so_by
         self._still = Standstill(rule)
+        self._rpm = 0
+        """How fast it was when it was asked last, whichever way it turned."""
 
     def ask(self, free: Callable[[Request], bool], now: float = 0.0) -> Request | None:
         return next((request for request in self._reads if free(request)), None)
 
     def see(self, request: Request, reply: bytes, sent_at: float) -> bool | None:
         seen = report(payload(reply))
+        before, self._rpm = self._rpm, abs(seen.rpm or 0)
+        self.slows_down = seen.rpm is not None and self._rpm < before - STILL_RPM
         self._still.see(sent_at, seen.position, seen.moving, by=self._so_by())
         if seen.moving:
             return False

@@ -234,9 +234,9 @@ class RunExecutor:
         """Stop it by its ramp, and the axes with it that it was set in motion with: that waits for no late reply to
         what was said before, and is repeated until it is seen to stand."""
         alone = self._stops.queue.joint is None
-        if alone and self._stops.is_stopping:  # else its ramp may begin anew
+        if self._stops.is_stopping_all(self._state.motion if alone else self._drive.motion):
             self._supervisor.leave(self._axis)
-            await self._stops.stopped()
+            await self._stops.stopped()  # to say it again may begin its ramp anew
         else:
             await self._stops.stand_still(motion=None if alone else self._drive.motion)
 

@@ -245,8 +245,12 @@ class StopControl:
     @property
     def is_stopping(self) -> bool:
         """Whether it is being stopped."""
+        return self.is_stopping_all(self._motion)
+
+    def is_stopping_all(self, motion: Motion) -> bool:
+        """Whether all of a motion of its drive is being stopped."""
         halt = self._bus.owner.units[self._drive.address].halt
-        return halt is not None and halt.motion in (self._motion, self._drive.motion)
+        return halt is not None and halt.motion in (motion, self._drive.motion)
 
     def fail_unawaited(self, what: str, error: MotionError, *, emergency: bool, foreign: bool) -> None:
         """Something is wrong with an axis of which nobody waits for the end. It is stopped; who gives the next command

@@ -109,6 +109,16 @@ async def test_both_wheels_of_a_run_for_a_time_end_together_though_its_start_was
         assert not sim.right.motor.moving(asyncio.get_running_loop().time())
 
 
+@virtual
+async def test_both_wheels_of_a_run_whose_start_is_not_answered_slow_down_together_by_their_ramp() -> None:
+    async with _wheel(reply_timeout=1.0) as (base, sim):
+        deaf = _Deaf(sim, answers=lambda count: count > 12)
+        lasts = asyncio.ensure_future(_turned_for(deaf))
+        left, right = await base.run(120, -120, duration=0.5, acceleration=500)
+        assert await lasts == pytest.approx(0.74, abs=0.03)
+        assert (left, right) == pytest.approx((1.0, -1.0), abs=0.02)
+
+
 @pytest.mark.parametrize("how", ["for a time", "and stopped"])
 def test_a_wheel_that_ran_and_was_stopped_keeps_nothing_from_its_other_one(how: str) -> None:
     @virtual

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Coroutine, Generator, Iterable
 from contextvars import Context, ContextVar, copy_context
 from typing import Any, Generic, TypeVar
 
@@ -27,6 +27,16 @@ def outside_of_blocks() -> Context:
     context = copy_context()
     context.run(_blocks.set, ())
     return context
+
+
+def start_task(
+    coroutine: Coroutine[Any, Any, T], name: str | None = None, context: Context | None = None
+) -> asyncio.Task[T]:
+    """A task that begins after its caller has gone on, whatever task factory the application has.
+
+    What it sets at its end must not be overwritten by whoever began it: an eager task may have ended before.
+    """
+    return asyncio.Task(coroutine, loop=asyncio.get_running_loop(), name=name, context=context)
 
 
 class Handle(Generic[T]):

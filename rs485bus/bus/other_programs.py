@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 
+from rs485bus.bus.handle import start_task
 from rs485bus.transport.interface import Transport
 from rs485bus.transport.worker import in_thread
 
@@ -46,7 +47,7 @@ class OtherPrograms:
     def look(self) -> None:
         """Look who it is; that takes a while."""
         if self._readers is not None and (self._looking is None or self._looking.done()):
-            self._looking = self._loop.create_task(self._look(self._readers), name="rs485bus looking who reads along")
+            self._looking = start_task(self._look(self._readers), "rs485bus looking who reads along")
 
     def close(self) -> None:
         """Look no more."""

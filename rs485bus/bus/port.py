@@ -7,6 +7,7 @@ import logging
 from collections.abc import Callable
 
 from rs485bus.bus.config import BusConfig
+from rs485bus.bus.handle import start_task
 from rs485bus.bus.line.host_slack import HostSlack
 from rs485bus.bus.other_programs import OtherPrograms
 from rs485bus.bus.owner import Owner
@@ -186,7 +187,7 @@ class Port:
 
     def _try(self) -> None:
         self._timer = None
-        self._attempt = self._loop.create_task(self._reopen(), name="rs485bus reopening")
+        self._attempt = start_task(self._reopen(), "rs485bus reopening")
         self._attempt.add_done_callback(self._tried)
 
     def _tried(self, attempt: asyncio.Task[None]) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Coroutine
 from typing import Any
 
 from rs485bus.bus.config import BusConfig
-from rs485bus.bus.handle import outlast, outside_of_blocks, settle
+from rs485bus.bus.handle import outlast, outside_of_blocks, settle, start_task
 from rs485bus.bus.owner import Owner
 from rs485bus.bus.port import Port
 from rs485bus.bus.recording import Recording
@@ -55,7 +55,7 @@ class Shutdown:
 
     def spawn(self, coroutine: Coroutine[Any, Any, None], name: str) -> asyncio.Task[None]:
         """A task that ends with the bus, outside of any task group."""
-        task = self._loop.create_task(coroutine, name=name, context=outside_of_blocks())
+        task = start_task(coroutine, name, outside_of_blocks())
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
@@ -72,7 +72,7 @@ class Shutdown:
         """Close the bus, once. A cancellation is raised when that is done."""
         if self._closing is None:
             self._owner.gate.closing = True
-            self._closing = self._loop.create_task(self._close(leave_running), name="rs485bus closing")
+            self._closing = start_task(self._close(leave_running), "rs485bus closing")
         cancelled = await outlast(self._closing)
         if cancelled is not None:
             raise cancelled
@@ -100,7 +100,7 @@ class Shutdown:
         for task in tuple(self._tasks):
             if task is not asyncio.current_task():
                 task.cancel()
-        await outlast(self._loop.create_task(self._port.close()))
+        await outlast(start_task(self._port.close()))
         for recording in self.recordings:
             recording.close()
 

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from rs485bus.arguments import real
-from rs485bus.bus.handle import Handle
+from rs485bus.bus.handle import Handle, start_task
 from rs485bus.remote.handles import RemoteMove
 from rs485bus.remote.outbox import Outbox
 from rs485bus.remote.session import Session
@@ -146,7 +146,7 @@ class RemoteAxis(Remote):
                 last = report
                 _put(waiting, report)
 
-        asking = asyncio.create_task(self._ask_for_samples(every))
+        asking = start_task(self._ask_for_samples(every))
         self._session.on_report.append(take)
         try:
             while True:

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Iterable
 from functools import partial
 
+from rs485bus.bus.handle import start_task
 from rs485bus.errors import BusError, NotInControl
 from rs485bus.remote.session import Session, new_id
 from rs485bus.service.schema import Holding, Presence
@@ -91,7 +92,7 @@ class Control:
         holding = Holding.model_validate(told)
         self.number, self._axes = holding.lease, frozenset(holding.axes)
         if self._keeping is None:
-            self._keeping = asyncio.create_task(self._keep(), name="rs485bus presence")
+            self._keeping = start_task(self._keep(), "rs485bus presence")
 
     async def _keep(self) -> None:
         """Show presence, until control is lost."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from rs485bus.arguments import positive, real
-from rs485bus.bus.handle import Handle
+from rs485bus.bus.handle import Handle, start_task
 from rs485bus.errors import BusError, MoveCancelled
 from rs485bus.motion.profile import Profile
 from rs485bus.remote.axis import RemoteAxis
@@ -72,7 +72,7 @@ class Formation:
         if duration is not None:
             positive("duration (s)", duration)
         move = FormationMove(f"move of the formation {', '.join(positions)}")
-        task = asyncio.create_task(self._carry_out(move, positions, duration))
+        task = start_task(self._carry_out(move, positions, duration))
         self._moves.add(task)
         task.add_done_callback(self._moves.discard)
         return move

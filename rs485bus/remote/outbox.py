@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from rs485bus.bus.handle import Handle
+from rs485bus.bus.handle import Handle, start_task
 from rs485bus.errors import BusError, MoveCancelled
 from rs485bus.remote.control import Control
 from rs485bus.remote.handles import RemoteMove
@@ -70,7 +70,7 @@ class Outbox:
         given = {key: value for key, value in arguments.items() if value is not None}
         self._waiting.append(_Wanted(handle, axes, axes if covered is None else covered, name, verb, given, at))
         if self._work is None:
-            self._work = asyncio.create_task(self._send(), name="rs485bus outbox")
+            self._work = start_task(self._send(), "rs485bus outbox")
         return handle
 
     def stop(self, axes: frozenset[str], *, everything: bool, emergency: bool = False) -> Handle[list[str]]:

@@ -12,7 +12,7 @@ from typing import Any
 import aiomqtt
 from paho.mqtt.reasoncodes import ReasonCode
 
-from rs485bus.bus.handle import Handle
+from rs485bus.bus.handle import Handle, start_task
 from rs485bus.errors import BrokerError, RequestMalformed
 from rs485bus.remote.clock import RemoteClock
 from rs485bus.remote.handles import RemoteMove
@@ -107,8 +107,8 @@ class Session:
             RequestMalformed: the service speaks another version of the schema.
         """
         first: asyncio.Future[None] = self._loop.create_future()
-        self._task = asyncio.create_task(self._keep(first), name=f"rs485bus remote {self.client}")
-        self._repeating = asyncio.create_task(self._repeat_forever(), name=f"rs485bus remote {self.client} again")
+        self._task = start_task(self._keep(first), name=f"rs485bus remote {self.client}")
+        self._repeating = start_task(self._repeat_forever(), name=f"rs485bus remote {self.client} again")
         try:
             await first
             await self._find()

@@ -26,6 +26,8 @@ _LOOKS = 1 + 1 / SILENT
 """Looks in an interval: the telling one, and now and then another."""
 _NOTICEABLY = 1.02
 """How many times as long as it should be an interval is that is told: it reads differently, too."""
+_LONGER = 1.25
+"""How many times as long as when that was told last it must be to be told again: it comes and goes as axes do."""
 _FOREVER = float("inf")
 _TURNAROUND = 0.002
 """Seconds that a drive takes to answer that was never asked."""
@@ -79,13 +81,14 @@ class LookBudget:
     def __init__(self, supervision: float) -> None:
         self._supervision = supervision
         self._takes: dict[object, float] = {}
-        self._told = False
+        self._told = 0.0
+        """The interval that was told last."""
 
     def enter(self, looks: object, takes: float) -> None:
         """A drive may move; one look at it takes the wire for so many seconds, as far as is known by now."""
         self._takes[looks] = takes
-        if self.interval > _NOTICEABLY * self._supervision and not self._told:
-            self._told = True
+        if self.interval > max(_NOTICEABLY * self._supervision, _LONGER * self._told):
+            self._told = self.interval
             _log.warning(
                 "%d moving drives are looked at every %.2f s only, instead of every %g s: there is no more room on "
                 "the wire",
@@ -109,7 +112,6 @@ class LookBudget:
     def leave(self, looks: object) -> None:
         """It stands."""
         self._takes.pop(looks, None)
-        self._told = self._told and self.interval > _NOTICEABLY * self._supervision
 
     @property
     def shortest(self) -> float:

@@ -42,4 +42,11 @@ def test_that_looks_are_further_apart_is_said_only_where_that_can_be_read(caplog
         budget.enter(1, 0.0801)
         assert not caplog.text
         budget.enter(2, 0.03)
-    assert "0.34 s only, instead of every 0.25 s" in caplog.text
+        assert "0.34 s only, instead of every 0.25 s" in caplog.text
+        caplog.clear()
+        for _ in range(3):  # axes start and stop
+            budget.leave(2)
+            budget.enter(2, 0.031)
+        assert not caplog.text
+        budget.enter(3, 0.03)
+    assert "0.44 s only" in caplog.text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -59,3 +61,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         from rs485bus.cli.process import tell
 
         sys.exit(tell(error))
+    finally:
+        # The exit code is decided. Ctrl-C while Python ends would replace it by that of a process that was killed.
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)

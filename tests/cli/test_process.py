@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -200,3 +201,17 @@ def test_a_motor_that_was_not_seen_standing_counts_whatever_else_was_raised() ->
 
     assert process.run(lambda: fails(MotionError("it was interrupted"))) == process.UNKNOWN
     assert process.run(interrupted) == process.UNKNOWN
+
+
+def test_ctrl_c_while_python_ends_leaves_the_exit_code_as_it_is_in_real_time() -> None:
+    """130 means that all motors were stopped. A command that could not stop them says 3, whoever presses what then."""
+    program = (
+        "import os, sys\n"
+        "class Last:\n"
+        "    def __del__(self, kill=os.kill, me=os.getpid()): kill(me, 2)\n"
+        "sys.last = Last()\n"
+        "from rs485bus.cli import main\n"
+        "sys.argv = ['rs485bus', 'check', 'there_is_none.toml']\n"
+        "main()\n"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, timeout=30).returncode == 2

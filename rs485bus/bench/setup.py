@@ -134,11 +134,13 @@ class NewDrive:
                 raise AddressInUse(
                     f"Somebody answers at address {new.address} already. Only one drive may be on the pair for this."
                 )
-            await self._write(bus, new)
-        await anyio.sleep(_SETTLES)
-        found = await self._find(new, old)
-        if found is not None and self.family == "tlr":
-            await self._save(found)
+            with provisioning.said_where(old, new):
+                await self._write(bus, new)
+        with provisioning.said_where(old, new):
+            await anyio.sleep(_SETTLES)
+            found = await self._find(new, old)
+            if found is not None and self.family == "tlr":
+                await self._save(found)
         if found == new:
             return Provisioned(True, new, f"It answers: {new}.")
         if not await power_cycle("Switch the drive off and on: it takes the change then."):

@@ -42,6 +42,15 @@ class SetUp:
 
     async def run(self) -> int:
         """Set one drive up. Returns the exit code: 1 where a change was not confirmed."""
+        try:
+            return await self._run()
+        except asyncio.CancelledError as cancelled:
+            cancelled.add_note("Interrupted. No more was changed than is said here.")
+            raise
+
+    # Inside
+
+    async def _run(self) -> int:
         if self.sim and self.port is None:
             simulate = families()["mks"].simulate
             assert simulate is not None
@@ -60,8 +69,6 @@ class SetUp:
         new = self._wanted(drive)
         drive.check(new)
         return DONE if await self._change(drive, new) else FAILED
-
-    # Inside
 
     def _port(self) -> PortOf:
         if self.drive is not None:

@@ -164,3 +164,38 @@ async def test_where_nobody_can_switch_the_drive_off_it_is_said_to_take_the_chan
     told = await bench.drive.set_address(7)
     assert not told.confirmed
     assert "takes it when it is switched off and on" in str(told)
+
+
+@pytest.mark.parametrize(
+    ("family", "make", "baudrate"),
+    [
+        ("mks", lambda: SimMks(1, baudrate=38400), 38400),
+        ("zlac", lambda: rate(SimZlac(1), 115200), 115200),
+        ("tlr", lambda: SimTlr(20, dip=CUSTOM, serial_at_once=True), 115200),
+    ],
+)
+@virtual
+async def test_who_is_interrupted_is_told_where_the_drive_may_be_once_it_may_have_been_told(
+    family: str, make: Any, baudrate: int
+) -> None:
+    ends: list[bool] = []
+    for hundredths in range(0, 400, 2):
+        bench = Bench(family, make(), baudrate=baudrate)
+        told = [False]
+        answer = bench.sim.answer
+
+        def hear(pdu: bytes, now: float, *, broadcast: bool, told: Any = told, answer: Any = answer) -> Any:
+            told[0] = told[0] or (pdu[0] in (6, 16) and pdu[-1] == 7)
+            return answer(pdu, now, broadcast=broadcast)
+
+        bench.sim.answer = hear
+        change = asyncio.create_task(bench.drive.set_address(7))
+        await asyncio.sleep(hundredths / 100)
+        change.cancel()
+        try:
+            await change
+        except asyncio.CancelledError as cancelled:
+            notes = " ".join(getattr(cancelled, "__notes__", ()))
+            ends.append(told[0])
+            assert not told[0] or f"{bench.drive.place}, or address 7 at {baudrate} bit/s. Look at both." in notes
+    assert set(ends) == {False, True}

@@ -1,5 +1,10 @@
 """`rs485bus setup`, as a user runs it."""
 
+import signal
+import subprocess
+import sys
+import time
+
 import pytest
 import typer
 
@@ -74,3 +79,18 @@ def test_what_is_wrong_is_told_with_what_to_do(arguments: tuple[str, ...], code:
     assert words in result.said
     assert result.returncode == code
     assert "Traceback" not in result.stderr
+
+
+@posix
+def test_an_interrupted_setup_says_where_the_drive_may_be_in_real_time() -> None:
+    sim = SimMks(1)
+    with serving(sim, baudrate=38400) as port:
+        command = (sys.executable, "-m", "rs485bus", "setup", port, "-b", "38400", "--address", "1", "--yes")
+        with subprocess.Popen((*command, "--new-baudrate", "115200"), stderr=subprocess.PIPE, text=True) as running:
+            while sim.baudrate == 38400 and running.poll() is None:
+                time.sleep(0.01)
+            running.send_signal(signal.SIGINT)
+            said = running.communicate(timeout=30)[1]
+    assert running.returncode == process.INTERRUPTED
+    assert "address 1 at 38400 bit/s, or address 1 at 115200 bit/s. Look at both." in said
+    assert "Interrupted. No more was changed than is said here." in said

@@ -9,7 +9,8 @@ manual does not say, so both are looked at. What could not be confirmed says so,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -132,6 +133,20 @@ async def disable_modbus(port: Port, *, address: int = 1, baudrate: int = SHIPPE
     )
 
 
+@contextmanager
+def said_where(old: Place, new: Place) -> Iterator[None]:
+    """Whatever ends this before its time, a cancellation included, carries a note of where the drive may be then."""
+    try:
+        yield
+    except DeviceRefused:
+        raise
+    except BaseException as error:
+        error.add_note(
+            f"The drive may have been told already, and was not looked for since: {old}, or {new}. Look at both."
+        )
+        raise
+
+
 async def _change(port: Port, request: Request, old: Place, new: Place) -> Provisioned:
     async with _open(port, old.baudrate) as bus:
         here = await _answers(bus, old.address)
@@ -141,13 +156,15 @@ async def _change(port: Port, request: Request, old: Place, new: Place) -> Provi
             )
         if here:
             await _check_standing(bus, old.address)
-            acknowledged = await _acknowledges(bus, request)
+            with said_where(old, new):
+                acknowledged = await _acknowledges(bus, request)
     if not here:
         if await _find(port, new) is None:
             raise NoReply(f"Nobody answers: neither {old} nor {new}. Check power, wires, address and baud rate.")
         return Provisioned(True, new, f"It had the new setting already: {new}.")
-    await anyio.sleep(_SETTLES)
-    found = await _find(port, new, old)
+    with said_where(old, new):
+        await anyio.sleep(_SETTLES)
+        found = await _find(port, new, old)
     if found == new:
         return Provisioned(True, new, f"It answers: {new}.")
     took = "acknowledged the change" if acknowledged else "did not acknowledge the change"

@@ -50,7 +50,7 @@ from rs485bus.motion.standstill import NEVER
 from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
-from rs485bus.motion.upkeep import answers_again, insist, keep_fed, others_stand
+from rs485bus.motion.upkeep import answers_again, ask, keep_fed, others_stand
 from rs485bus.wire.exceptions import BUSY
 from rs485bus.wire.registers import Repeat
 
@@ -198,7 +198,8 @@ class PlanCarrier:
     async def _do(self, step: Step, task: Task | None) -> Any:
         """Carry out one step; what comes of it."""
         if isinstance(step, Ask):
-            return await self._ask(step, task)
+            motion = self._state.motion if task is not None or step.turns else None
+            return await ask(self._bus, self._supervisor, self._axis, step, motion)
         if isinstance(step, Know):
             return await self._knowledge.know(step.facts, since=self._bus.now() if step.afresh else None)
         if isinstance(step, Start):
@@ -217,7 +218,7 @@ class PlanCarrier:
         if isinstance(step, MustStand):
             return await self._check_standing(step)
         if isinstance(step, AnswersAgain):
-            return await answers_again(self._bus, step)
+            return await answers_again(self._bus, self._supervisor, self._axis, step)
         assert isinstance(step, Pause)
         return await anyio.sleep(step.seconds)
 
@@ -249,16 +250,6 @@ class PlanCarrier:
             raise NotStanding(
                 f"{self._name} turns, and must stand for this: {step.what}. stop() it first. Nothing was sent."
             )
-
-    async def _ask(self, step: Ask, task: Task | None) -> bytes:
-        if step.insist:
-            return await insist(self._bus, step)
-        return await self._bus.ask(
-            step.request,
-            repeat=step.repeat,
-            reply_timeout=step.reply_timeout,
-            motion=self._state.motion if task is not None else None,
-        )
 
     # Starts
 

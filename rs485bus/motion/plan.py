@@ -20,7 +20,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """Send a request that sets nothing in motion. Gives the frame that answers it."""
+    """Send a request that sets nothing in motion, but for one by which the drive turns by itself (`turns`). Gives the
+    frame that answers it."""
 
     request: Request
     repeat: Repeat = Repeat.SAFE
@@ -28,6 +29,9 @@ class Ask:
     """Seconds that the drive may take to answer; None for as long as usual."""
     insist: bool = False
     """Send it though the drive counts as offline."""
+    turns: bool = False
+    """The drive turns the motor by itself, and says so until it answers again (`AnswersAgain`): it is not looked at
+    until then, and is stopped where that is not waited for."""
 
 
 @dataclass(frozen=True, slots=True)

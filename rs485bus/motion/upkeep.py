@@ -20,6 +20,7 @@ from rs485bus.motion.drive import Drive
 from rs485bus.motion.plan import AnswersAgain, Ask, KeepFed
 from rs485bus.motion.plan_lock import PlanLock
 from rs485bus.motion.stop_control import StopControl
+from rs485bus.motion.supervisor import Supervisor
 
 _ASK_AGAIN = 0.02
 _GOES_ON = 2.0
@@ -59,19 +60,47 @@ async def keep_fed(bus: Bus, drive: Drive, step: KeepFed) -> bool:
     return False
 
 
-async def answers_again(bus: Bus, step: AnswersAgain) -> bool:
+async def ask(bus: Bus, supervisor: Supervisor, axis: int, step: Ask, motion: Motion | None) -> bytes:
+    """Send a request. Where the drive `turns` the motor then, it is not looked at until it `answers_again`.
+
+    Raises as `Bus.ask`.
+    """
+    if step.insist:
+        return await insist(bus, step)
+    if step.turns:
+        supervisor.begin(axis)
+    try:
+        return await bus.ask(
+            step.request, repeat=step.repeat, reply_timeout=step.reply_timeout, moves=step.turns, motion=motion
+        )
+    except BaseException:
+        if step.turns:
+            _look_again(supervisor, axis)
+        raise
+
+
+async def answers_again(bus: Bus, supervisor: Supervisor, axis: int, step: AnswersAgain) -> bool:
     """Wait until a drive that was away answers twice that it is ready; False if it does not in its time."""
     late, answers = bus.now() + step.timeout, 0
-    await anyio.sleep(step.pause)
-    while answers < 2:
-        try:
-            answers = answers + 1 if step.ready(await bus.ask(step.request)) else 0
-        except (NoReply, DeviceOffline):
-            answers = 0
-        if bus.now() > late:
-            return False
+    try:
         await anyio.sleep(step.pause)
-    return True
+        while answers < 2:
+            try:
+                answers = answers + 1 if step.ready(await bus.ask(step.request)) else 0
+            except (NoReply, DeviceOffline):
+                answers = 0
+            if bus.now() > late:
+                return False
+            await anyio.sleep(step.pause)
+        return True
+    finally:
+        _look_again(supervisor, axis)
+
+
+def _look_again(supervisor: Supervisor, axis: int) -> None:
+    """Whatever the drive does, nobody else sees to it now."""
+    supervisor.leave(axis)
+    supervisor.review()
 
 
 async def others_stand(

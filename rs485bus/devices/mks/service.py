@@ -93,7 +93,7 @@ def _tell_to_restart(drive: MksDrive, register: Register[T], value: T) -> Plan[N
     """Once: where the answer is lost, it may have restarted."""
     lost = drive.axis.lost
     try:
-        yield Ask(write(drive.address, register, value), repeat=Repeat.NEVER)
+        yield Ask(write(drive.address, register, value), repeat=Repeat.NEVER, turns=register is r.CALIBRATE)
     except DeviceRefused:
         drive.axis.lost = lost  # it surely has not
         raise

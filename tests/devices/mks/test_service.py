@@ -91,6 +91,25 @@ async def test_a_calibration_is_waited_for_however_long_it_takes() -> None:
         await on.axis.version()
 
 
+@pytest.mark.parametrize(
+    ("after", "reply_is_lost"),
+    [(0.015, False), (0.02, False), (0.1, False), (1.0, False), (2.5, False), (0.015, True), (0.1, True)],
+)
+@on_virtual_clock
+async def test_a_calibration_is_stopped_where_its_bus_is_left(after: float, reply_is_lost: bool) -> None:
+    """The motor turns by itself meanwhile: also where nobody knows whether it was heard."""
+    sim = FlakyMks()
+    with pytest.raises(RuntimeError, match="left"):
+        async with bench(sim) as on:
+            if reply_is_lost:
+                sim.lose_reply(r.CALIBRATE)
+            on.axis.calibrate()
+            await anyio.sleep(after)
+            raise RuntimeError("left")
+    assert sim.status(on.bus.now()) is Status.STOPPED
+    assert sim.restarts == 0
+
+
 @on_virtual_clock
 async def test_a_silent_drive_takes_no_commands_until_it_is_woken() -> None:
     async with bench(FlakyMks(1), FlakyMks(2)) as on:

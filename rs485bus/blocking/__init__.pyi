@@ -411,9 +411,6 @@ class Bus:
         ...
     def __enter__(self) -> Self: ...
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: _TracebackType | None) -> Literal[False] | None: ...
-    def call_at(self, when: float, callback: Callable[[], None]) -> None:
-        """Have the owner call back when the time has come. Nothing can cancel that."""
-        ...
     def clear_emergency_stop(self) -> None:
         """Allow motion again, once the report of the emergency stop is there. Each axis then needs `enable()`.
 
@@ -449,9 +446,6 @@ class Bus:
     @property
     def flight(self) -> list[Record]:
         """The flight recorder: the latest 256 transactions, the oldest first."""
-        ...
-    def keep(self, kind: type[T], make: Callable[[], T]) -> T:
-        """The one object of a kind that a layer above keeps for this bus; made when it is first asked for."""
         ...
     @property
     def latched(self) -> bool:

@@ -144,7 +144,7 @@ class LoopThread:
         """Begin a call, and wait for nothing. False where the loop has ended."""
         return self.post(self._begin, call)
 
-    def call(self, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
+    def call(self, function: Callable[..., Any], /, *arguments: Any, **keywords: Any) -> Any:
         """Call a function in the loop's thread, and wait for its result; that of the coroutine, if it returns one."""
         return self.carry_out(Call(function, arguments, keywords))
 

@@ -43,7 +43,20 @@ HIDDEN = frozenset(
         ),
         *("target_range", "finish", "fail", "drop", "hold", "taken_along", "unconfirmed"),
         *("released", "order_together", "pair", "carries_out", "ask", "submit", "start", "halt", "heard_after", "now"),
-        *("after_stops", "spawn", "poke", "after", "unseen", "received", "owner", "loop", "thread", "devices"),
+        *(
+            "after_stops",
+            "spawn",
+            "call_at",
+            "keep",
+            "poke",
+            "after",
+            "unseen",
+            "received",
+            "owner",
+            "loop",
+            "thread",
+            "devices",
+        ),
         *("open", "aclose", "adjust", "share_time", "check_open", "interrupted"),
         *("replace", "on_end", "over", "check", "end"),
         *("tells_restarts", "told_standing", "driver", "modes", "link"),
@@ -96,7 +109,7 @@ class Face:
         else:
             self._call(setattr, self._inner, name, value)
 
-    def _call(self, function: Callable[..., Any], *arguments: Any, **keywords: Any) -> Any:
+    def _call(self, function: Callable[..., Any], /, *arguments: Any, **keywords: Any) -> Any:
         return self._answer(self._loop.call(function, *self._inner_of(arguments), **self._inner_of(keywords)))
 
     def _answer(self, value: Any) -> Any:

@@ -16,6 +16,7 @@ from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import Any
 
+from rs485bus.arguments import whole
 from rs485bus.blocking.block import Block
 from rs485bus.blocking.interrupts import interrupts
 from rs485bus.blocking.loop import Call, shared_loop
@@ -172,6 +173,7 @@ class OpenedBus(Opened):
     def axis(self, family: type, address: int, settings: dict[str, Any]) -> Any:
         """The axis of a family at an address: a new one, or the one that was made before. In the loop's thread, so
         that Ctrl-C cannot come between its making and its being known."""
+        whole("address", address, 1)
         known = self._made.get((family, address))
         if known is None:
             axis = self.make(family, self.bus, address, **settings)

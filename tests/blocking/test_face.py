@@ -11,6 +11,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import anyio
 import pytest
@@ -18,7 +19,7 @@ import pytest
 from rs485bus import blocking
 from rs485bus.blocking.interrupts import interrupts as known_interrupts
 from rs485bus.blocking.loop import Call, LoopThread
-from rs485bus.errors import AddressInUse, BusClosed, LimitExceeded, MoveCancelled, WrongThread
+from rs485bus.errors import AddressInUse, BusClosed, DeviceRefused, LimitExceeded, MoveCancelled, WrongThread
 from rs485bus.sim import SimMks, SimTlr, SimUnit, SimZlac, VirtualLine
 
 
@@ -139,6 +140,25 @@ def test_errors_are_raised_where_the_call_is(bus: blocking.Bus) -> None:
     x = bus.mks(1, limits=(0, 10))
     with pytest.raises(LimitExceeded, match="outside its limits"):
         x.move_to(11)
+
+
+def test_any_argument_may_be_named(bus: blocking.Bus) -> None:
+    with pytest.raises(DeviceRefused, match="illegal function"):
+        bus.unit(7).request(function=0x41, data=b"", reply=5)
+
+
+@pytest.mark.parametrize("address", [True, 1.5, [1], None, "1"])
+def test_an_address_that_is_none_is_not_taken_for_an_axis_that_is_known(bus: blocking.Bus, address: Any) -> None:
+    assert bus.mks(1) is bus.mks(1)
+    with pytest.raises(TypeError, match="address must be a whole number"):
+        bus.mks(address)
+
+
+def test_what_layers_tell_each_other_is_not_offered(bus: blocking.Bus) -> None:
+    for name in ("call_at", "keep", "owner"):
+        assert name not in dir(bus)
+        with pytest.raises(AttributeError):
+            getattr(bus, name)
 
 
 def test_attributes_are_read_and_set(bus: blocking.Bus) -> None:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Coroutine
 from typing import Any, Unpack
 
-from rs485bus.arguments import choice
+from rs485bus.arguments import choice, flag
 from rs485bus.bus.functions import RequestOptions
 from rs485bus.wire import diagnostics
 from rs485bus.wire.diagnostics import DeviceInformation, Diagnostic, EventCounter, EventLog, ReadCode
@@ -76,7 +76,7 @@ class DiagnosticFunctions(ABC):
         It is the only way out of listen-only mode. A device in that mode does it without an answer, which is told as
         `OutcomeUnknown`.
         """
-        await self._diagnose(Diagnostic.RESTART_COMMUNICATION, options, 0xFF00 if toggle else 0)
+        await self._diagnose(Diagnostic.RESTART_COMMUNICATION, options, 0xFF00 if flag("toggle", toggle) else 0)
 
     async def diag_read_diagnostic_register(self, **options: Unpack[RequestOptions]) -> int:
         """Read the diagnostic register, subfunction 2."""

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 
+from rs485bus.arguments import function
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.handle import start_task
 from rs485bus.bus.line.host_slack import HostSlack
@@ -91,7 +92,7 @@ class Port:
 
     def listen(self, callback: Callable[[], None]) -> Callable[[], None]:
         """Have `callback` called on the event loop whenever the port is lost. Returns a function that ends that."""
-        self._listeners.append(callback)
+        self._listeners.append(function("callback", callback))
 
         def end() -> None:
             if callback in self._listeners:

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Coroutine
 from typing import Any
 
+from rs485bus.arguments import flag
 from rs485bus.bus.config import BusConfig
 from rs485bus.bus.handle import outlast, outside_of_blocks, settle, start_task
 from rs485bus.bus.owner import Owner
@@ -70,6 +71,7 @@ class Shutdown:
 
     async def close(self, leave_running: bool) -> None:
         """Close the bus, once. A cancellation is raised when that is done."""
+        flag("leave_running", leave_running)
         if self._closing is None:
             self._owner.gate.closing = True
             self._closing = start_task(self._close(leave_running), "rs485bus closing")

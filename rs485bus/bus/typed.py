@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal, TypeVar
 
-from rs485bus.arguments import instance, whole
+from rs485bus.arguments import flag, instance, whole
 from rs485bus.bus.functions import DataFunctions, RequestOptions
 from rs485bus.bus.units.adapter import DeviceAdapter
 from rs485bus.errors import DeviceRefused
@@ -51,7 +51,8 @@ class TypedValues:
             _check(register, "w", "read")
         whole("gap", gap, 0, 124)
         attached = self._attached()
-        together = (attached is None or attached.combines_reads) if combine is None else combine
+        usual = attached is None or attached.combines_reads
+        together = usual if combine is None else flag("combine", combine)
         only = None if attached is None else attached.read_function
         next_options = self._share_time(options)
         found: dict[int, Any] = {}

@@ -10,6 +10,7 @@ from functools import partial
 from types import TracebackType
 from typing import Any, Generic, TypeVar, get_type_hints
 
+from rs485bus.arguments import flag
 from rs485bus.bus.async_block import AsyncBlock
 from rs485bus.bus.bus import Bus
 from rs485bus.bus.opening import open_bus
@@ -91,9 +92,9 @@ class Plant(AsyncBlock):
 
     def __init__(self, file: PlantFile, *, sim: bool = False, watchdogs: bool = True) -> None:
         self.file = file
-        self.lines: dict[str, Transport] = virtual_lines(file) if sim else {}
+        self.lines: dict[str, Transport] = virtual_lines(file) if flag("sim", sim) else {}
         """The virtual lines, by the name of their bus; none where the ports are opened."""
-        self._watchdogs = watchdogs
+        self._watchdogs = flag("watchdogs", watchdogs)
         self._open: AsyncExitStack | None = None
         self._observers: list[Callable[[str, Record], None]] = []
         self._facades: Mapping[tuple[str, int], Any] = {}

@@ -422,6 +422,14 @@ async def test_a_time_that_is_none_is_refused_before_anything_is_sent(timeout: A
 
 
 @virtual
+async def test_what_cannot_be_called_is_not_called_back() -> None:
+    async with bus_on(plant()) as (bus, (x,)):
+        with pytest.raises(TypeError, match="callback must be a function, not None"):
+            bus.on_lost(None)  # type: ignore[arg-type]  # what is tried
+        await usable(x)
+
+
+@virtual
 async def test_an_error_that_nobody_foresaw_stops_the_axis() -> None:
     made = plant()
     with pytest.raises(ExceptionGroup):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rs485bus.arguments import instance, real
+from rs485bus.arguments import flag, instance, real
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.frames import check_current, write_block
 from rs485bus.devices.mks.values import HomingMode, Level, Model, ParameterDirection, SingleTurn, ZeroPoint
@@ -103,7 +103,7 @@ class SingleTurnHoming:
     def frames(self, address: int, model: Model, known: EndLimits = _AS_SHIPPED) -> list[Request]:
         """What sets a drive up for it. Raises `LimitExceeded`."""
         mode = SingleTurn.NEAREST if self.direction is None else SingleTurn.BY_DIRECTION
-        zero = ZeroPoint.SET_HERE if self.set_zero_here else ZeroPoint.KEEP
+        zero = ZeroPoint.SET_HERE if flag("set_zero_here", self.set_zero_here) else ZeroPoint.KEEP
         direction = ParameterDirection.CW if self.direction is None else self.direction
         return [
             write_block(address, r.HOMING_TORQUE, _USUAL_OFFSET, HomingMode.SINGLE_TURN, _USUAL_CURRENT),

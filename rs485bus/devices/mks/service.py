@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
+from rs485bus.arguments import flag
 from rs485bus.devices.mks import registers as r
 from rs485bus.devices.mks.alarms import AFTER_CALIBRATION, AFTER_RESTART, STALLED, hints
 from rs485bus.devices.mks.drive import MksDrive
@@ -31,11 +33,17 @@ def release_stall(drive: MksDrive) -> Plan[None]:
     drive.axis.holds = drive.axis.value(Fact.ENABLED)
 
 
-def set_power_on_run(drive: MksDrive, on: bool, while_running: bool) -> Plan[None]:
-    """Whether it runs by itself when it is switched on (8.3)."""
-    if not while_running:
-        yield MustStand("power-on run")
-    yield Ask(write(drive.address, r.POWER_ON_RUN, PowerOnRun.SAVE if on else PowerOnRun.CLEAR))
+def set_power_on_run(drive: MksDrive, on: bool, while_running: bool) -> Callable[[], Plan[None]]:
+    """Whether it runs by itself when it is switched on (8.3). The arguments are checked at once."""
+    value = PowerOnRun.SAVE if flag("on", on) else PowerOnRun.CLEAR
+    must_stand = not flag("while_running", while_running)
+
+    def plan() -> Plan[None]:
+        if must_stand:
+            yield MustStand("power-on run")
+        yield Ask(write(drive.address, r.POWER_ON_RUN, value))
+
+    return plan
 
 
 def calibrate(drive: MksDrive, timeout: float) -> Plan[None]:

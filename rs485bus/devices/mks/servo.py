@@ -230,7 +230,7 @@ class MksServo(MksSetup):
             on: whether it does.
             while_running: send it while the motor turns, as 8.5 logs it; the motor then slows down and stops.
         """
-        return self._order_plan("power-on run", lambda: service.set_power_on_run(self._mks, on, while_running))
+        return self._order_plan("power-on run", service.set_power_on_run(self._mks, on, while_running))
 
     def set_heartbeat(self, seconds: float) -> Handle[None]:
         """The time after which the drive stops its motor where it hears nothing: 0 (off) to 4294967.295 s (3.2.14).

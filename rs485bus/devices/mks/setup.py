@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rs485bus.arguments import choice, instance, positive
+from rs485bus.arguments import choice, flag, instance, positive
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.mks.drive import MksDrive
 from rs485bus.devices.mks.frames import current
@@ -64,7 +64,7 @@ class MksSetup(Axis):
             milliamperes: the current.
             save: whether the drive keeps it. Without, it holds until a restart and spares the flash.
         """
-        if save:
+        if flag("save", save):
             return self._set("current", milliamperes)
         request = current(self._mks.address, self._mks.model, milliamperes, save=False)
 

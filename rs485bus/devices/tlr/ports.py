@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rs485bus.arguments import flag
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.frames import read
@@ -79,6 +80,7 @@ class Outputs(Table[DoFunction]):
 def _set_bit(parameters: TlrParameters, register: Register[Ports], index: int, count: int, on: bool) -> Handle[None]:
     if not 0 <= index < count:
         raise IndexError(f"{parameters.drive.name}: {index} is outside 0..{count - 1}")
+    flag(register.name, on)
 
     def plan() -> Plan[None]:
         bits = register.decode(payload((yield Ask(read(parameters.drive.address, register)))))

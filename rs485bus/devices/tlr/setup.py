@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from rs485bus.arguments import instance, whole
+from rs485bus.arguments import flag, instance, whole
 from rs485bus.bus.handle import Handle
 from rs485bus.devices.tlr import registers as r
 from rs485bus.devices.tlr.drive import TlrDrive
@@ -195,7 +195,7 @@ class TlrSetup(Axis):
             NotSupported: it is not to be written in this way; nothing is queued.
         """
         instance("register", register, Register, "registers.INPUT_FILTER")
-        if register.address in _GUARDED and not manufacturer:
+        if not flag("manufacturer", manufacturer) and register.address in _GUARDED:
             raise NotSupported(
                 f"{self.name}: {register.name} (0x{register.address:X}) is set by the manufacturer for the motor; a "
                 "wrong value can damage both. Note what it reads, then write it with manufacturer=True."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final, TypeVar
 
-from rs485bus.arguments import instance
+from rs485bus.arguments import flag, instance
 from rs485bus.devices.zlac import registers as r
 from rs485bus.devices.zlac.frames import write
 from rs485bus.devices.zlac.known import KnownZlac
@@ -23,8 +23,9 @@ _SET_ELSEWHERE: Final[tuple[Register[Any], ...]] = (
 """What the facade writes itself, or what changes who answers."""
 
 
-def check_parameter(drive: KnownZlac, register: Register[T], value: T) -> None:
+def check_parameter(drive: KnownZlac, register: Register[T], value: T, save: bool) -> None:
     """Raise `LimitExceeded` or `NotSupported` for what is not to be set."""
+    flag("save", save)
     instance("register", register, Register, "registers.QUICK_STOP_TIME.of(Side.LEFT)").raw(value)
     if register.access == "r" or register in _SET_ELSEWHERE:
         raise NotSupported(

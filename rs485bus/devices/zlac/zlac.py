@@ -283,7 +283,7 @@ class Zlac8015d:
             LimitExceeded: the value is out of its range.
             NotSupported: the facade sets it itself, or it changes who answers: then `bus.unit()` writes it.
         """
-        check_parameter(self._drive, register, value)
+        check_parameter(self._drive, register, value, save)
         return self._once(f"set {register.name}", lambda: write_parameter(self._drive, register, value, save))
 
     def watchdog(self, timeout: float, *, lease: float | None = None) -> WatchdogGuard:

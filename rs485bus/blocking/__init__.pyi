@@ -30,9 +30,7 @@ from rs485bus.devices.zlac.status import WheelStatus, ZlacStatus
 from rs485bus.devices.zlac.telemetry import Snapshot
 from rs485bus.devices.zlac.values import Brake, Side
 from rs485bus.motion.events import Event
-from rs485bus.motion.joint import Part
 from rs485bus.motion.move import MoveState
-from rs485bus.motion.plan import Plan
 from rs485bus.motion.sample import AxisSample
 from rs485bus.motion.streaming import Streamer
 from rs485bus.plant import PlantFile
@@ -46,9 +44,6 @@ from typing import Any, Generic, Never, Unpack
 A = TypeVar("A")
 B = TypeVar("B")
 C = TypeVar("C")
-K = TypeVar("K")
-P = TypeVar("P")
-R = TypeVar("R")
 T = TypeVar("T")
 _V = TypeVar("_V", covariant=True)
 
@@ -290,16 +285,6 @@ class AxisGroup:
             NotSupported: one of them cannot be told speeds in a stream.
             LimitExceeded, TypeError: an argument is out of its range, or no number.
         """
-        ...
-
-class Barrier(Generic[K]):
-    """A meeting, as often as they come to it.
-
-    Args:
-        members: who must come.
-    """
-    def meet(self, who: K, part: P, act: Callable[[dict[K, P]], R]) -> R:
-        """Wait for the others' parts and have all of them acted on, once. All get what comes of it."""
         ...
 
 class Both(Generic[T]):
@@ -976,23 +961,6 @@ class Inputs(Table[DiFunction]):
         ...
     def states(self) -> tuple[bool, ...]:
         """Which are on."""
-        ...
-
-class Joint(Barrier[int]):
-    """Some axes of a drive, by their numbers.
-
-    Args:
-        axes: which ones.
-        drop: ends an axis' part of the command, because another one's failed.
-    """
-    def gather(self, axis: int) -> None:
-        """Wait until all have come to it, in their queues."""
-        ...
-    def once(self, axis: int, act: Callable[[], None]) -> None:
-        """Have something done once, as soon as all have come to it."""
-        ...
-    def set_off(self, axis: int, part: Part) -> None:
-        """Have the axes set in motion by one plan, as soon as all are ready for it."""
         ...
 
 class MksSetup(Axis):
@@ -1920,12 +1888,6 @@ class ZlacWheel(Axis):
     """
     other: ZlacWheel
     side: Side
-    def ask_drive(self, status: Callable[[], ZlacStatus], clear_faults: Callable[[], Both[None]]) -> None:
-        """By what its drive says how it is, and clears its errors."""
-        ...
-    def carry(self, plan: Callable[[], Plan[T]]) -> T:
-        """Carry out a plan that concerns both wheels, and sets nothing in motion."""
-        ...
     def clear_fault(self) -> Both[None]:
         """Clear the errors of the drive: the drive can clear those of both wheels only. Both are released then:
         `enable()`.
@@ -1943,27 +1905,8 @@ class ZlacWheel(Axis):
         After an emergency stop, a trip, or a stop that was not confirmed, its first frame is a stop.
         """
         ...
-    @property
-    def joint(self) -> Joint | None:
-        """With whom it carries out the present command."""
-        ...
-    def order_once(self, what: str, plan: Callable[[], Plan[None]]) -> Handle[None]:
-        """Queue something that is done once for both wheels."""
-        ...
-    def overtake(self, run: Handle[Any]) -> None:
-        """Do not wait for the speed of a run: another one follows."""
-        ...
-    def recount(self) -> None:
-        """It is known how the drive counts."""
-        ...
     def status(self) -> WheelStatus:
         """What the drive reports of this wheel; `Zlac8015d.status` tells what it reports of itself, too."""
-        ...
-    def stop_with(self, other: ZlacWheel) -> None:
-        """The other wheel, which stops of this one may stop, too."""
-        ...
-    def stopped_as_pair(self, stop: Handle[None]) -> None:
-        """Both wheels are being stopped."""
         ...
     def torque(self, milliamperes: int, *, slope: int | None = None) -> Move:
         """Push with a torque, given as a current, until told otherwise. Done once the drive was told.
@@ -1977,9 +1920,6 @@ class ZlacWheel(Axis):
         Raises:
             LimitExceeded: one of them is out of its range; nothing is queued.
         """
-        ...
-    def was_interrupted(self, unheard: float, reason: str) -> None:
-        """The bus stopped the drive for safety, or lost it."""
         ...
 
 class Plant:

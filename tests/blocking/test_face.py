@@ -155,10 +155,11 @@ def test_an_address_that_is_none_is_not_taken_for_an_axis_that_is_known(bus: blo
 
 
 def test_what_layers_tell_each_other_is_not_offered(bus: blocking.Bus) -> None:
-    for name in ("call_at", "keep", "owner"):
-        assert name not in dir(bus)
-        with pytest.raises(AttributeError):
-            getattr(bus, name)
+    """A wheel that is told to stop with something that is none could not be stopped any more."""
+    assert not {"call_at", "keep", "owner"} & set(dir(bus))
+    assert not {"stop_with", "carry", "drop"} & set(dir(bus.zlac(3).left))
+    with pytest.raises(AttributeError):
+        bus.call_at(0, print)  # type: ignore[attr-defined]  # what is tried
 
 
 def test_attributes_are_read_and_set(bus: blocking.Bus) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -28,6 +28,14 @@ from rs485bus.motion.streaming import Streamer
 from rs485bus.motion.supervisor import Supervisor
 
 T = TypeVar("T")
+
+_FOR_THE_DRIVE = frozenset(
+    {
+        *("ask_drive", "carries_out", "carry", "drop", "joint", "order_once", "other", "overtake", "recount"),
+        *("stop_with", "stopped_as_pair", "unconfirmed", "was_interrupted"),
+    }
+)
+"""What the drive's facade, its other wheel and what layers call, and users do not."""
 
 
 class Turns:
@@ -101,6 +109,10 @@ class ZlacWheel(Axis):
             tolerance=tolerance,
         )
         self.member.accompany = self._accompany
+
+    def __dir__(self) -> Iterable[str]:
+        """Verbs and questions; not what is told inside."""
+        return [name for name in super().__dir__() if name not in _FOR_THE_DRIVE]
 
     # Verbs
 

@@ -315,6 +315,7 @@ class Both(Generic[T]):
             timeout: seconds; None for as long as it takes.
 
         Raises:
+            LimitExceeded, TypeError: the timeout is no number. It goes on.
             RequestFailed, MotionError: why it failed.
             TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
         """
@@ -548,6 +549,7 @@ class Handle(Generic[T]):
             timeout: seconds; None for as long as it takes.
 
         Raises:
+            LimitExceeded, TypeError: the timeout is no number. It goes on.
             RequestFailed, MotionError: why it failed.
             TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
         """
@@ -844,6 +846,7 @@ class GroupMove(Cancellable[dict[str, float]]):
             timeout: seconds; None for as long as it takes.
 
         Raises:
+            LimitExceeded, TypeError: the timeout is no number. It goes on.
             RequestFailed, MotionError: why it failed.
             TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
         """
@@ -914,6 +917,7 @@ class HandleOfSeveral(Generic[T]):
             timeout: seconds; None for as long as it takes.
 
         Raises:
+            LimitExceeded, TypeError: the timeout is no number. It goes on.
             RequestFailed, MotionError: why it failed.
             TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
         """

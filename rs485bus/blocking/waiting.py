@@ -11,6 +11,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Any, Protocol
 
+from rs485bus.arguments import real
 from rs485bus.blocking.interrupts import in_kernel
 from rs485bus.blocking.loop import Call
 
@@ -27,9 +28,11 @@ def wait(self: Any, timeout: float | None = None) -> Any:
         timeout: seconds; None for as long as it takes.
 
     Raises:
+        LimitExceeded, TypeError: the timeout is no number. It goes on.
         RequestFailed, MotionError: why it failed.
         TimeoutError: it has not ended yet. It goes on: `cancel()` or `stop()` ends it.
     """
+    timeout = None if timeout is None else real("timeout", timeout)
     picture = picture_of(self._inner, self._loop.loop.time)
     show = None if picture is None else picture.show
     try:

@@ -116,6 +116,16 @@ def test_a_wait_with_a_timeout_leaves_the_move_alone(bus: blocking.Bus) -> None:
         move.wait()
 
 
+@pytest.mark.parametrize("timeout", ["1", True, float("nan"), pytest.param(10**400, id="huge")])
+def test_a_wait_for_no_time_says_so(bus: blocking.Bus, timeout: Any) -> None:
+    x = bus.mks(1)
+    x.enable().wait()
+    move = x.move_to(0.5)
+    with pytest.raises((TypeError, LimitExceeded), match="timeout must be a number"):
+        move.wait(timeout)
+    assert move.wait() == pytest.approx(0.5)
+
+
 def test_a_cell_can_be_run_twice_but_not_with_other_settings(bus: blocking.Bus) -> None:
     x = bus.mks(1, units_per_turn=8.0)
     assert bus.mks(1, units_per_turn=8.0) is x

@@ -22,6 +22,7 @@ from rs485bus.motion.state import Fact
 from rs485bus.motion.terms import Speeds, Terms, scaled
 from rs485bus.motion.told import Told
 from rs485bus.motion.turns import Haste, Turns
+from rs485bus.wire.exceptions import is_busy
 from rs485bus.wire.frames import Request
 
 P = ParamSpec("P")
@@ -331,7 +332,7 @@ class Streamer:
         self._is_unmistakable = self._is_unmistakable and not self._unit.late.must_wait(request)
 
     def _answered(self, job: Job) -> None:
-        self._job = None
+        self._job, busy = None, is_busy(job.code)  # that is no refusal: nothing was done, and it is told again
         if self._over:
             return
         if job.attempts:
@@ -339,13 +340,13 @@ class Streamer:
                 self._haste.takes = job.ended_at - job.sent_at + self._bus.owner.pair.silence
             self._turns.last, self._has_begun = job, True
             self._carried_at = job.sent_at if self._carried_at == NEVER else self._carried_at
-            if job.outcome in _SILENCE:
+            if job.outcome in _SILENCE or busy:
                 self._missed += 1
             elif job.answered_since == job.sent_at and not self._is_slow(job):
                 self._missed = 0
             if not self._rest:
                 self._was_sent(job.sent_at)
-        now, refused = self._bus.now(), job.outcome is Outcome.REFUSED
+        now, refused = self._bus.now(), job.outcome is Outcome.REFUSED and not busy
         # One that refuses to stop in its own way says that it stands.
         stood = refused and job.code is None and job.request.adu == self._frames(self._zero)[0].adu
         if refused and not stood:
@@ -363,6 +364,7 @@ class Streamer:
             self.told.sure = answered and self._is_unmistakable
             self._heard = self.told.speeds if self.told.sure else self._heard
             self._again_at = now + _AGAIN if answered else NEVER
+            self._not_before = now + _AGAIN if busy else self._not_before
             self._go_on()
             if self.is_quiet:
                 self._drive.state.tell()

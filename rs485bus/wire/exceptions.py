@@ -72,3 +72,8 @@ def is_all_or_nothing(request: Request) -> bool:
     if request.function in (WRITE_COILS, WRITE_MULTIPLE):
         return request.adu[4:6] == b"\0\1"
     return not request.writes or request.function in _ONE_VALUE
+
+
+def is_busy(code: int | None) -> bool:
+    """Whether an exception says that nothing was done, and that it may be asked again soon."""
+    return code is not None and exception(code).meaning is Meaning.BUSY

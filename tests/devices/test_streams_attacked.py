@@ -1,17 +1,22 @@
 """What an adversary found of streams, each by itself, and a share of what he does."""
 
 import asyncio
+import itertools
 import math
 from contextlib import suppress
 
 import pytest
 
-from rs485bus import DifferentialDrive, MksServo, Zlac8015d, open_bus
+from rs485bus import BusConfig, DifferentialDrive, MksServo, Zlac8015d, open_bus
 from rs485bus.errors import LimitExceeded, MotionError
 from rs485bus.sim import SimMks, SimZlac, VirtualLine
+from rs485bus.sim.treatment import PLAIN, Treatment
 from tests.devices.stream_adversary import FAMILIES, attack
-from tests.devices.stream_rig import now
+from tests.devices.stream_rig import FAMILIES as EACH
+from tests.devices.stream_rig import Make, now
 from tests.devices.zlac.plant import WatchedZlac, on_virtual_clock, plant
+
+BUSY = Treatment(carried_out=False, code=6)
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -37,6 +42,28 @@ async def test_an_infinite_speed_is_no_set_point() -> None:
             await asyncio.sleep(0.2)
             assert one.sent > 0
             assert two.sent[0] > 0
+
+
+@EACH
+@on_virtual_clock
+async def test_a_device_that_is_busy_for_a_set_point_is_told_again(make: Make) -> None:
+    """A gateway says so, too. Nothing was done then, which is no reason to take a motor for blocked."""
+    sim, axis_on = make()
+    line = VirtualLine(sim, baudrate=115200)
+    frames = itertools.count()
+    async with open_bus(line, config=BusConfig(echo=False)) as bus:
+        axis = axis_on(bus)
+        await axis.enable()
+        line.pair.script = lambda frame, now: BUSY if next(frames) % 7 == 6 else PLAIN
+        async with axis.stream(acceleration=1000) as setpoint:
+            for rpm in (60, -60):
+                for _ in range(20):
+                    setpoint(rpm)
+                    await asyncio.sleep(0.05)
+                before = sim.shaft(now())
+                await asyncio.sleep(0.1)
+                assert (sim.shaft(now()) - before) * 600 == pytest.approx(rpm, rel=0.05)
+        assert not sim.moving(now())
 
 
 @on_virtual_clock

@@ -161,6 +161,7 @@ class SerialLine:
         air = len(request.adu) * self.character
         self.airtime += air
         self._over_noise = start < self.quiet_at
+        in_a_gap = self.hears_noise  # and not in the silence that follows a frame
         self.air_end = start + air
         self.quiet_at = self.air_end + self.silence
         self._first_byte_at = None
@@ -173,6 +174,7 @@ class SerialLine:
                 gap = max(gap, times.expected(job)[1])
             self._gap_from, self._brief_until = self.air_end + gap, self.air_end + max(wait, gap)
             self._turn += 1
+        if self.is_brief and (self._over_noise or in_a_gap):
             self._deaf += air
         else:
             self.noisy_since = self.air_end
@@ -194,9 +196,9 @@ class SerialLine:
     def feed(self, data: bytes, now: float) -> list[Received]:
         """Bytes were received; return the frames they complete."""
         self.airtime += len(data) * self.character
-        follows_silence = now >= self.quiet_at
+        follows_silence, listens_from = now >= self.quiet_at, max(now, self.air_end)
         if follows_silence or self.heard_at < self.noisy_since or now > self.heard_at + self._deaf + STOP_WAITS:
-            self.noisy_since = now  # what was heard before is over, however many parts of a stop went out since
+            self.noisy_since = listens_from  # what was heard before is over, whatever parts of a stop went out since
         self.heard_at = now
         if self._deaf:
             self._deaf = max(0.0, self.air_end - now)
@@ -212,8 +214,8 @@ class SerialLine:
                 self.strangers.heard(passed, now, follows_silence=True)
         elif self.job is None:
             self.strangers.heard(data, now, follows_silence=follows_silence)
-        if received and not self.is_brief:
-            self.noisy_since = now  # a frame is no noise
+        if received and not (self.is_brief and self._over_noise):
+            self.noisy_since = listens_from  # a frame is no noise
         return received
 
     def wait_until(

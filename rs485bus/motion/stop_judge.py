@@ -48,7 +48,8 @@ class StopJudge(StandstillDetector):
             seen = facts.get(Fact.POSITION), facts.get(Fact.RUNNING), facts.get(Fact.SPEED)
             still.see(sent_at, *seen, self._drive.state.so_by)
             moves = moves or facts.get(Fact.RUNNING) is True
-        self.lacks_place = all(still.says_so and still.position is None for still in self._still.values())
+        tells = any(fact in facts for facts in told for fact in (Fact.POSITION, Fact.RUNNING))
+        self.lacks_place = not tells or all(still.says_so and still.position is None for still in self._still.values())
         verdicts = [still.verdict for still in self._still.values()]
         if False in verdicts:
             return False

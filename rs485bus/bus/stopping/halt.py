@@ -102,14 +102,12 @@ class Halt:
         self.stops = 0
         self.told: Halted | None = None
         """How the latest order ended, once it has."""
-        self._over = False
-        self._now = now
-        self._ordered_at = now
+        self._over = self._hardened = False
+        self._now = self._ordered_at = now
         self._orders = 0
         self._said = -1
         """The order that was on the wire last, by its number."""
         self._frames = frames
-        self._hardened = False
         self._unacknowledged = self._in_vain = 0
         """Stops in a row that were not."""
         self._sent_at = NEVER
@@ -283,7 +281,7 @@ class Halt:
 
     def _see_it_stand(self, order: int, pacing: Pacing) -> Procedure[bool]:
         """Look until it stands, or until it should be told to stop once more."""
-        patience, heard = self._now + self._patience, 0
+        patience, heard, is_heard = self._now + self._patience, 0, self._is_heard
         # Also where stops to others leave no turn to its looks, it is told that it was not seen to stand.
         by = max(patience, self._now + pacing.looks_wait) if self.told is None else pacing.at_the_latest(self._sent_at)
         if self._will_do(pacing):
@@ -311,7 +309,10 @@ class Halt:
             goes_on = self._acknowledged and standing is None and answered and heard < _LOOKS
             if self._now >= (by if goes_on else min(patience + margin, by)):
                 return False
-            if not self._detector.lacks_place if answered else look is None or not pacing.is_noisy(self._now):
+            # One that was heard just before is asked again at once: the line has lost that. Then others have turns.
+            at_once = look is not None and (is_heard or pacing.is_noisy(self._now))
+            is_heard = answered
+            if not (self._detector.lacks_place if answered else at_once):
                 self._now = yield self._now + _LOOK_EVERY
         return False
 
@@ -346,8 +347,7 @@ class Halt:
             look = Job(request, urgency=Urgency.CONFIRM, internal=True, retries=2 * weighs, weighs=weighs)
             if not weighs:
                 self._looks[request] = look
-        look.reply_timeout = self._wait(pacing)
-        look.expires_at = None if by == _FOREVER else by
+        look.reply_timeout, look.expires_at = self._wait(pacing), None if by == _FOREVER else by
         # Once it was said that it could not be seen standing, others have their turns, too.
         look.urgency = Urgency.CONFIRM if self.told is None or pacing.is_noisy(self._now) else Urgency.COMMAND
         return look

@@ -28,7 +28,8 @@ class StandstillDetector(ABC):
     """It was seen to stand by its position, and its status does not say so: it may push against what holds it. That
     will do where the stop was acknowledged."""
     lacks_place = False
-    """Its status says that it stands, and where that is was not asked yet: there is nothing to wait for."""
+    """Its status says that it stands, and where that is was not asked yet; or its last answer told neither: there is
+    nothing to wait for."""
     slows_down = False
     """It was slower when it was asked last than when it was asked before that."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import statistics
 
 from rs485bus import MksServo, open_bus
 from rs485bus.bus.record import Record
@@ -34,7 +33,7 @@ async def stopped(seed: int) -> tuple[float, float]:
     return next(record.sent_at for record in sent if record.urgency.name == "STOP") - asked, told
 
 
-def test_a_stop_behind_1000_reads_goes_next_and_is_confirmed_within_60_ms_though_a_tenth_of_all_replies_is_lost() -> (
+def test_a_stop_behind_1000_reads_goes_next_and_is_confirmed_in_60_ms_two_times_of_three_though_replies_are_lost() -> (
     None
 ):
     found = []
@@ -43,4 +42,4 @@ def test_a_stop_behind_1000_reads_goes_next_and_is_confirmed_within_60_ms_though
             found.append(runner.run(stopped(seed)))
     sent, told = zip(*found, strict=True)
     assert max(sent) < TRANSACTION
-    assert statistics.median(told) <= 0.06
+    assert sorted(told)[2 * len(told) // 3] <= 0.06

@@ -56,3 +56,33 @@ def test_where_no_look_goes_out_before_its_time_is_over_the_stop_is_repeated_the
         assert in_a_moment < 10, "it asks and asks, and no time passes"
         wanted = procedure.send(now)
     assert now < 4.0
+
+
+def test_it_is_said_to_be_unconfirmed_after_three_stops_only_however_long_the_looks_wait_for_their_turns() -> None:
+    class Crowded(Noisy):
+        looks_wait = 10.0
+
+        def is_crowded(self, now: float) -> bool:  # type: ignore[override]
+            return True
+
+        def is_noisy(self, now: float) -> bool:
+            return False
+
+    drive, told, stops, now = MksDrive(1), [], 0, 0.0
+    halt = Halt(drive, drive.motion, False, now)
+    halt.listen(lambda ended: told.append(ended.stops))
+    procedure = halt.run(Crowded())
+    wanted = next(procedure)
+    while not told:
+        if isinstance(wanted, Job):
+            is_stop = wanted.request.writes
+            stops += is_stop
+            # Stops are acknowledged; looks have a turn now and then, and are answered too late.
+            wanted.attempts, wanted.sent_at = 1, now if is_stop else now + 0.9
+            wanted.answered_since = wanted.sent_at
+            now = wanted.ended_at = wanted.sent_at + 0.1
+            wanted.outcome = Outcome.REPLY if is_stop else Outcome.NO_REPLY
+        else:
+            now = max(now, float(wanted))  # type: ignore[arg-type] # a time
+        wanted = procedure.send(now)
+    assert told == [stops] == [3]

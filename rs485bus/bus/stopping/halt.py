@@ -202,13 +202,13 @@ class Halt:
 
     def _stop_until_it_stands(self, pacing: Pacing) -> Procedure[bool]:
         self._detector = self.attached.judgement(self.motion)
-        order, tries = self._orders, 0
+        order, tries, said = self._orders, 0, 0
         while not self._over:
             if order != self._orders:
-                order, tries, self._evidence_from = self._orders, 0, _FOREVER
-            cut_short = pacing.is_cut_short(self._now, self._ordered_at)
+                order, tries, said, self._evidence_from = self._orders, 0, 0, _FOREVER
+            cut = pacing.is_cut_short(self._now, self._ordered_at)
             yield from self._stop(pacing)
-            tries += not cut_short
+            tries, said = tries + (not cut), said + 1
             if self._is_worth_a_look(pacing) and (yield from self._see_it_stand(order, pacing)):
                 self.failed = False
                 self._tell(standing=True)
@@ -218,7 +218,7 @@ class Halt:
                 continue
             in_vain = self._unacknowledged >= _UNACKNOWLEDGED or tries >= STOPS
             self._hardened = self._hardened or self._acknowledged or in_vain
-            if tries >= STOPS or (cut_short and self._now >= self._ordered_at + pacing.gives_up_after):
+            if tries >= STOPS or (cut and said >= STOPS and self._now >= self._ordered_at + pacing.gives_up_after):
                 self.give_up()
             self._tell_who_waited(pacing)
             if self.told is not None:

@@ -51,7 +51,7 @@ from rs485bus.motion.state import Fact
 from rs485bus.motion.stop_control import StopControl
 from rs485bus.motion.supervisor import Supervisor
 from rs485bus.motion.upkeep import answers_again, ask, keep_fed, others_stand
-from rs485bus.wire.exceptions import BUSY
+from rs485bus.wire.exceptions import is_busy
 from rs485bus.wire.registers import Repeat
 
 T = TypeVar("T")
@@ -287,6 +287,7 @@ class PlanCarrier:
     ) -> bytes:
         """Send the start. A drive that is busy may restart meanwhile: it is not said again before that is known."""
         repeat = Repeat.NEVER if step.repeat is Repeat.VERIFY else step.repeat
+        again = repeat is not Repeat.SAFE and slot is None  # else the owner does, or others wait for it
         epoch, busy = motion.epoch, 0
         while True:
             try:
@@ -295,7 +296,7 @@ class PlanCarrier:
                 )
             except DeviceRefused as error:
                 busy += 1
-                if error.code != BUSY or repeat is Repeat.SAFE or slot is not None or busy > self._bus.config.retries:
+                if not (again and is_busy(error.code) and busy <= self._bus.config.retries):
                     raise
                 refused = error
             await anyio.sleep(pause_of(busy))

@@ -151,13 +151,18 @@ def _frames(rest: bytes) -> Iterator[bytes]:
     """The whole frames in some bytes, replies or requests."""
     for begin in range(len(rest) - _NO_CODE + 1):
         if 1 <= rest[begin + 1] & 0x7F <= _HIGHEST_FUNCTION:
-            for length in lengths(rest[begin : begin + MAX_FRAME]):
-                frame = rest[begin : begin + length]
-                if len(frame) == length and ends_in_crc(frame):
-                    yield frame
+            yield from frames_at_the_beginning(rest[begin : begin + MAX_FRAME])
 
 
-def lengths(data: bytes) -> Iterator[int]:
+def frames_at_the_beginning(data: bytes) -> Iterator[bytes]:
+    """The whole frames, replies or requests, that two bytes or more may begin with."""
+    for length in _lengths(data):
+        frame = data[:length]
+        if len(frame) == length and ends_in_crc(frame):
+            yield frame
+
+
+def _lengths(data: bytes) -> Iterator[int]:
     """How long a frame may be that begins so."""
     function = data[1]
     if function >= 0x80:

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from rs485bus.bus.line.diagnosis import lengths
-from rs485bus.wire.crc import ends_in_crc
+from rs485bus.bus.line.diagnosis import frames_at_the_beginning
 from rs485bus.wire.frames import BROADCAST, MAX_ADDRESS, MAX_FRAME
 
 MANY = 3
@@ -66,8 +65,7 @@ class Strangers:
         data = self._data
         if len(data) < 2 or data[0] > MAX_ADDRESS:
             return b""
-        wholes = (data[:length] for length in lengths(data) if 0 < length <= len(data))
-        return next(filter(ends_in_crc, wholes), b"")
+        return next(frames_at_the_beginning(data), b"")
 
     def _may_be_late(self, frame: bytes, now: float) -> bool:
         function = frame[1] & 0x7F
